@@ -1,0 +1,1 @@
+//! The camera room: where frames come from: a directory of images, a simulated sky.

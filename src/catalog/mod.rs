@@ -1,0 +1,7 @@
+//! The catalogue room: stars, their names, thinning for a camera, and the triangle index.
+//!
+//! Uses `sky` and `settings`. No disk: [`Catalogue::from_bytes`] takes what the caller read.
+
+mod file;
+
+pub use file::{Catalogue, CatalogueError, CatalogueHeader, Star};

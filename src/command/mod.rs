@@ -1,0 +1,1 @@
+//! The command room: who may command, and what was asked.

@@ -1,0 +1,69 @@
+//! A frame and its stamp.
+
+use crate::sky::{ClockQuality, Observer, RowOrder, Utc};
+
+/// The camera's own running number of an image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, serde::Serialize)]
+pub struct ImageCounter(pub u32);
+
+/// The flight computer's number of the series of triggers that an image belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, serde::Serialize)]
+pub struct TriggerCounter(pub u32);
+
+/// What is known of a frame besides its pixels.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Stamp {
+    /// The image's number.
+    pub image: ImageCounter,
+    /// The series of triggers it belongs to, where known.
+    pub trigger: Option<TriggerCounter>,
+    /// Where it came from: a file's name, or what the camera calls it.
+    pub origin: String,
+    /// When it was captured (middle of the exposure), and how far that can be believed.
+    pub captured: Option<(Utc, ClockQuality)>,
+    /// Exposure time of one exposure, s.
+    pub exposure_s: Option<f64>,
+    /// Exposures co-added into it; 0 counts as 1.
+    pub exposures: u8,
+    /// Gain, dB.
+    pub gain_db: Option<f64>,
+    /// Focus position, encoder counts.
+    pub focus_counts: Option<i32>,
+    /// Aperture position, 0 is fully open.
+    pub aperture_counts: Option<i32>,
+    /// The observer at capture, where the file says.
+    pub observer: Option<Observer>,
+    /// Rendered, or taken by a simulated camera or lens.
+    pub simulated: bool,
+}
+
+/// One image: 16-bit pixels in file order, and its stamp.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame {
+    /// Columns, px.
+    pub width: usize,
+    /// Rows, px.
+    pub height: usize,
+    /// `width × height` values, ADU, row after row in file order.
+    pub pixels: Vec<u16>,
+    /// Which end of the picture the first row is.
+    pub rows: RowOrder,
+    /// Highest value that a pixel can have, ADU, where the camera or the file says.
+    pub full_scale: Option<u16>,
+    /// What else is known of it.
+    pub stamp: Stamp,
+}
+
+impl Frame {
+    /// A frame of the given size; `None` where the number of pixels does not fit.
+    pub fn new(width: usize, height: usize, pixels: Vec<u16>, rows: RowOrder) -> Option<Self> {
+        (width > 0 && height > 0 && width.checked_mul(height) == Some(pixels.len())).then(|| Self {
+            width,
+            height,
+            pixels,
+            rows,
+            full_scale: None,
+            stamp: Stamp::default(),
+        })
+    }
+}

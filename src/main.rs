@@ -1,0 +1,5 @@
+//! The program `stars`: everything is in the library.
+
+fn main() -> std::process::ExitCode {
+    stars::cli::main()
+}

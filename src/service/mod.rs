@@ -1,0 +1,1 @@
+//! The service room: the actors and the channels between them.

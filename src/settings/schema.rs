@@ -1,0 +1,350 @@
+//! Every parameter of the program, one struct per section of `config/flight.toml`.
+//!
+//! The file is the only place for defaults, so nothing here has one, and an unknown or missing key is an error.
+//! Units are in the names; angles are in degrees or arcseconds here and become radians where they are used.
+
+use serde::{Deserialize, Serialize};
+
+/// The whole configuration of one star camera, as merged from the flight file, the custom file and the command line.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Settings {
+    /// The camera: where frames come from and how they are laid out.
+    pub camera: CameraSettings,
+    /// The simulated sky that `camera.kind = "sky"` looks at.
+    pub simulate: SimulateSettings,
+    /// The lens controller.
+    pub lens: LensSettings,
+    /// Focus positions that the lens may take.
+    pub focus: FocusSettings,
+    /// The star catalogue and what is derived from it.
+    pub catalog: CatalogSettings,
+    /// From pixels to pointing.
+    pub solver: SolverSettings,
+    /// Where the observer's latitude and sidereal time may come from.
+    pub observer: ObserverSettings,
+    /// The connections to the flight computers.
+    pub network: NetworkSettings,
+    /// What is kept on disk.
+    pub record: RecordSettings,
+    /// How the service looks after itself.
+    pub service: ServiceSettings,
+}
+
+/// What produces frames.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CameraKind {
+    /// Image files of a directory, in the order of their names.
+    Directory,
+    /// A sky rendered from the catalogue.
+    Sky,
+    /// No camera: the service runs and says so.
+    None,
+}
+
+/// Section `[camera]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraSettings {
+    /// Name of this sensor, at most 16 ASCII characters (per camera; the original's `main.which_sensor`).
+    pub name: String,
+    /// What produces frames.
+    pub kind: CameraKind,
+    /// Directory of images for `kind = "directory"`.
+    pub directory: String,
+    /// Images `<stem>_p0…_p3` of one series are co-added.
+    pub stack_parts: bool,
+    /// Start again with the first image after the last.
+    pub repeat: bool,
+    /// Time from start to the first frame, s.
+    pub startup_delay_s: f64,
+    /// Time between frames, s.
+    pub period_s: f64,
+    /// Columns of a frame, px.
+    pub width_px: u32,
+    /// Rows of a frame, px.
+    pub height_px: u32,
+    /// Optics turn the picture over: seen with North up, East is to the right.
+    pub mirrored: bool,
+    /// Highest value that a single exposure can have, ADU; 0 where it is to be found from the image.
+    pub full_scale_adu: u32,
+    /// ADU per electron at 0 dB, to which a measured gain is compared.
+    pub ideal_gain_adu_per_e: f64,
+}
+
+/// Section `[simulate]`: the rendered sky of `camera.kind = "sky"`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SimulateSettings {
+    /// Kind of frame (see `stars render --help`).
+    pub kind: String,
+    /// Seed of everything random in the simulation.
+    pub seed: u64,
+    /// Elevation of the gondola's boresight, deg.
+    pub elevation_deg: f64,
+    /// Azimuth rate of the gondola's scan, deg/s.
+    pub scan_rate_deg_s: f64,
+    /// Half the width of the gondola's azimuth scan, deg.
+    pub scan_amplitude_deg: f64,
+    /// Latitude of the simulated observer, deg.
+    pub latitude_deg: f64,
+}
+
+/// What stands behind the lens port.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LensKind {
+    /// A controller on a serial port.
+    Serial,
+    /// A simulated controller.
+    Simulated,
+    /// No lens control.
+    None,
+}
+
+/// Section `[lens]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LensSettings {
+    /// What stands behind the port.
+    pub kind: LensKind,
+    /// Path of the serial port for `kind = "serial"`.
+    pub port: String,
+}
+
+/// Section `[focus]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FocusSettings {
+    /// Nearest position of a focus search, encoder counts (per camera).
+    pub search_min_counts: i32,
+    /// Furthest position of a focus search, encoder counts (per camera).
+    pub search_max_counts: i32,
+}
+
+/// Section `[catalog]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CatalogSettings {
+    /// Catalogue file; empty for the one built into the program.
+    pub file: String,
+    /// Epoch of observation where a frame does not know its own, Julian year.
+    pub epoch_yr: f64,
+    /// Stars closer than this are one source to the camera and are merged, px.
+    pub blend_px: f64,
+    /// Stars per field that triangles are made of.
+    pub index_stars_per_field: f64,
+    /// Stars per field that candidates are checked against.
+    pub verification_stars_per_field: f64,
+    /// Longest side of an indexed triangle, fraction of the field's diagonal.
+    pub longest_side_fraction: f64,
+}
+
+/// Section `[solver]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SolverSettings {
+    /// Solve at all.
+    pub enabled: bool,
+    /// A frame older than this is given up, s since its capture.
+    pub timeout_s: f64,
+    /// Try again with wide kernels where the normal search did not solve.
+    pub robust: bool,
+    /// More saturated pixels than this end the frame as `saturated`, fraction of the frame.
+    pub saturation_limit_fraction: f64,
+    /// Refuse a solution that disagrees with the prior, however sure it is.
+    pub prior_veto: bool,
+    /// Finding sources.
+    pub sources: SourceSettings,
+    /// Areas that sources are not taken from.
+    pub mask: MaskSettings,
+    /// Matching sources to stars.
+    pub matching: MatchingSettings,
+    /// Fitting the attitude.
+    pub fit: FitSettings,
+    /// What a solution must satisfy.
+    pub requirements: RequirementSettings,
+}
+
+/// Section `[solver.sources]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SourceSettings {
+    /// A peak must stand this many times the local noise above its surroundings in the smoothed image.
+    pub snr_threshold: f64,
+    /// A source must have at least this matched-filter signal over noise.
+    pub min_snr: f64,
+    /// Sources that patterns are made of.
+    pub max_sources: u32,
+    /// Sources that the final fit may use.
+    pub max_found: u32,
+    /// Side of the square cells that limit crowding, px.
+    pub cell_px: u32,
+    /// Sources taken from one cell.
+    pub max_per_cell: u32,
+    /// Sources closer to the image's border are not taken, px.
+    pub border_px: u32,
+    /// File of bad pixels, `x y` a line; empty for none.
+    pub bad_pixels_file: String,
+}
+
+/// Section `[solver.mask]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MaskSettings {
+    /// Apply the mask.
+    pub enabled: bool,
+    /// Side of a block, px.
+    pub block_px: u32,
+    /// Masked blocks as words of 32 bits, lowest bit first; block n = row × blocks per row + column, rows from the bottom.
+    pub fields: Vec<u32>,
+}
+
+/// Section `[solver.matching]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MatchingSettings {
+    /// Match patterns at all.
+    pub enabled: bool,
+    /// Least plate scale, arcsec/px (per camera).
+    pub platescale_min_arcsec_px: f64,
+    /// Greatest plate scale, arcsec/px (per camera).
+    pub platescale_max_arcsec_px: f64,
+    /// A source within this distance of a star may be that star, px.
+    pub tolerance_px: f64,
+    /// Fewest matched sources of a solution; the computed threshold decides above it.
+    pub min_matched: u32,
+    /// Greatest probability that a served solution is false, log10.
+    pub max_false_probability_log10: f64,
+    /// Candidate attitudes that may be screened for one frame.
+    pub candidate_budget: u32,
+}
+
+/// Section `[solver.fit]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FitSettings {
+    /// What is known of the radial distortion k1 beforehand, one σ at the half diagonal.
+    pub distortion_sigma: f64,
+    /// Error of a centroid that no photon noise explains, px, one σ per axis.
+    pub centroid_floor_px: f64,
+    /// Apply proper motion to the epoch of observation.
+    pub proper_motion: bool,
+}
+
+/// Section `[solver.requirements]`: every one refuses by its name.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RequirementSettings {
+    /// Distance from an azimuth and elevation.
+    pub horizontal_location: HorizontalLocationLimit,
+    /// Range of the horizontal roll.
+    pub horizontal_roll: AngleRange,
+    /// Range of the elevation.
+    pub elevation: AngleRange,
+    /// Distance from a right ascension and declination.
+    pub equatorial_location: EquatorialLocationLimit,
+    /// Range of the equatorial roll.
+    pub equatorial_roll: AngleRange,
+    /// Greatest σ of the pointing, mean of the two axes on the sky, arcsec.
+    pub pointing_error_max_arcsec: f64,
+    /// Greatest rms residual of the fit, px.
+    pub fit_error_max_px: f64,
+}
+
+/// A circle around a horizontal position; the flight computer's estimate takes the centre's place where it sends one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HorizontalLocationLimit {
+    /// Require it.
+    pub enabled: bool,
+    /// Radius, deg.
+    pub radius_deg: f64,
+    /// Azimuth of the centre, deg.
+    pub az_deg: f64,
+    /// Elevation of the centre, deg.
+    pub el_deg: f64,
+}
+
+/// A circle around an equatorial position; the flight computer's estimate takes the centre's place where it sends one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EquatorialLocationLimit {
+    /// Require it.
+    pub enabled: bool,
+    /// Radius, deg.
+    pub radius_deg: f64,
+    /// Right ascension of the centre, deg.
+    pub ra_deg: f64,
+    /// Declination of the centre, deg.
+    pub dec_deg: f64,
+}
+
+/// A range of an angle, wrapping where the angle does: from `min_deg` upwards to `max_deg`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AngleRange {
+    /// Require it.
+    pub enabled: bool,
+    /// Lower end, deg.
+    pub min_deg: f64,
+    /// Upper end, deg.
+    pub max_deg: f64,
+}
+
+/// Section `[observer]`: sources in order of preference; the first that is enabled and knows is taken.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObserverSettings {
+    /// Use what the flight computer in charge sends.
+    pub from_flight_computer: bool,
+    /// What a flight computer sent is good for this long, s.
+    pub max_age_s: f64,
+    /// Use the fixed values below.
+    pub from_settings: bool,
+    /// Latitude, deg.
+    pub latitude_deg: f64,
+    /// Local sidereal time, hours.
+    pub sidereal_time_h: f64,
+    /// Use the keywords of an image file.
+    pub from_image: bool,
+}
+
+/// Section `[network]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NetworkSettings {
+    /// Address and port that flight computers connect to.
+    pub listen: String,
+    /// Addresses that may connect; empty for any.
+    pub peers: Vec<String>,
+    /// Time between updates, s.
+    pub update_period_s: f64,
+    /// A peer silent for this long is closed, s.
+    pub silence_s: f64,
+    /// Connections held at a time.
+    pub max_connections: u32,
+}
+
+/// Section `[record]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RecordSettings {
+    /// Keep outcomes on disk.
+    pub enabled: bool,
+    /// Directory for logs.
+    pub directory: String,
+    /// Outcomes that may wait for the disk.
+    pub queue_frames: u32,
+}
+
+/// Section `[service]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ServiceSettings {
+    /// First pause before a failed actor is started again, s; it doubles with each failure.
+    pub restart_delay_s: f64,
+    /// Longest such pause, s.
+    pub restart_delay_max_s: f64,
+}

@@ -1,0 +1,42 @@
+//! The solve room: from a frame to its outcome.
+//!
+//! [`Solver::solve`] runs the stages in order: statistics, sources, match, fit, requirements, verification. Uses all rooms
+//! before it; no clock, no disk: time and the wish to stop come in through [`Watch`].
+
+mod outcome;
+
+pub use outcome::{
+    Cause, HorizontalSolution, Match, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, StageTimes, Statistics,
+};
+
+use std::time::Duration;
+
+/// Why a search is to end before its time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stop {
+    /// The frame is too old.
+    TimedOut,
+    /// Somebody asked for it.
+    Aborted,
+}
+
+/// The solver's window on the world: how much time went by, and whether to stop. Asked every few milliseconds.
+pub trait Watch {
+    /// Time since some fixed moment; only differences are used, and only to report.
+    fn elapsed(&self) -> Duration;
+    /// Whether to give up now.
+    fn stop(&self) -> Option<Stop>;
+}
+
+/// A watch that never stops and does not tell the time.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Unwatched;
+
+impl Watch for Unwatched {
+    fn elapsed(&self) -> Duration {
+        Duration::ZERO
+    }
+    fn stop(&self) -> Option<Stop> {
+        None
+    }
+}
