@@ -4,10 +4,13 @@
 //! before it; no clock, no disk: time and the wish to stop come in through [`Watch`].
 
 mod outcome;
+mod solver;
 
 pub use outcome::{
     Cause, HorizontalSolution, Match, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, StageTimes, Statistics,
 };
+
+pub use solver::Solver;
 
 use std::time::Duration;
 
