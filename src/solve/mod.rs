@@ -4,12 +4,16 @@
 //! before it; no clock, no disk: time and the wish to stop come in through [`Watch`].
 
 mod outcome;
+mod report;
 mod solver;
 
 pub use outcome::{
     Cause, HorizontalSolution, Match, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, StageTimes, Statistics,
 };
-
+pub use report::{
+    CandidateReport, Correction, ObserverReport, PointingReport, PriorReport, Report, SourceEntry, StarEntry, StatisticsReport,
+    TimesReport,
+};
 pub use solver::Solver;
 
 use std::time::Duration;
