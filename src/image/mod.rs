@@ -2,6 +2,12 @@
 //!
 //! Uses `sky` (times, observer) and `settings`. No disk: readers and writers take `Read` and `Write`.
 
+mod fits;
 mod frame;
+mod name;
+mod raster;
+mod read;
 
 pub use frame::{Frame, ImageCounter, Stamp, TriggerCounter};
+pub use name::{series_stem, time_in_name};
+pub use read::{Problem, ReadError, read};
