@@ -3,5 +3,7 @@
 //! Uses `sky` and `settings`. No disk: [`Catalogue::from_bytes`] takes what the caller read.
 
 mod file;
+mod names;
 
-pub use file::{Catalogue, CatalogueError, CatalogueHeader, Star};
+pub use file::{Catalogue, CatalogueError, CatalogueHeader, MAX_FILE_BYTES, Star};
+pub use names::{Names, NamesError};

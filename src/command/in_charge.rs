@@ -257,9 +257,8 @@ mod tests {
 
     /// A second, differently written account of the rules: one record for each computer, checked against the machine.
     fn rightful(machine: &InCharge, now: Tick) -> Option<FlightComputer> {
-        let claims = |who| {
-            machine.peers.iter().find(|peer| peer.computer == who).filter(|p| p.claimed.is_some_and(|t| now < t + at(3.0)))
-        };
+        let claims =
+            |who| machine.peers.iter().find(|peer| peer.computer == who).filter(|p| p.claimed.is_some_and(|t| now < t + at(3.0)));
         match (claims(A), claims(B)) {
             (None, None) => None,
             (Some(_), None) => Some(A),

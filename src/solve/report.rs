@@ -453,7 +453,10 @@ mod tests {
 
     fn catalogue() -> Catalogue {
         let star = Star { ra: 1.0, dec: 0.5, pm_ra: 0.0, pm_dec: 10.0 * ARCSEC, mag: 3.25, hip: 0 };
-        Catalogue { header: CatalogueHeader { format: 1, epoch_yr: 2016.0, count: 1, checksum: 0 }, stars: vec![star] }
+        Catalogue {
+            header: CatalogueHeader { format: 1, epoch_yr: 2016.0, count: 1, checksum: 0, origin: String::new() },
+            stars: vec![star],
+        }
     }
 
     fn stamp() -> Stamp {
