@@ -1,1 +1,5 @@
 //! The simulate room: simulated twins of the outside: the sky renderer and the flight computer.
+//!
+//! Uses all rooms before it; pure and seeded, no files. Its public face is [`sky`].
+
+pub mod sky;

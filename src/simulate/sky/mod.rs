@@ -1,0 +1,187 @@
+//! The sky renderer: frames of a daytime star camera, with their truth.
+//!
+//! [`render`] draws the stars of the catalogue through a lens with an off-centre axis and radial distortion onto a sensor
+//! with photon and read noise, fixed pattern, dust, hot pixels and whatever else its [`Kind`] brings. It is calibrated on
+//! real flight frames: 24 e⁻/ADU, 30 e⁻ of read noise, 100 ADU of bias, star flux 10^(0.4 (13.4 − RP)) ADU.
+//!
+//! The same specification gives the same bytes on any machine: chance comes from ChaCha8, and all that pixels depend on is
+//! computed in arithmetic that does not vary (the attitude's sines and cosines are the platform's own; the last bit of
+//! theirs moves a star by 10⁻¹² px).
+
+mod backdrop;
+mod kind;
+mod optics;
+mod psf;
+mod random;
+mod scene;
+mod sensor;
+mod stars;
+mod truth;
+
+pub use kind::{Kind, UnknownKind};
+pub use truth::{TrueStar, Truth};
+
+use crate::catalog::Catalogue;
+use crate::image::Frame;
+use crate::sky::{ARCSEC, Attitude, RowOrder, Vec3};
+use random::{Dice, Purpose};
+use scene::Scene;
+use sensor::FIXED_PATTERN;
+
+/// What to render.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RenderSpec {
+    /// What is in the frame.
+    pub kind: Kind,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Number of the frame: another number is another draw.
+    pub index: u64,
+    /// Columns, px.
+    pub width: usize,
+    /// Rows, px.
+    pub height: usize,
+    /// Range that the plate scale is drawn from, rad/px.
+    pub platescale: (f64, f64),
+    /// Epoch that the stars are moved to, Julian year.
+    pub epoch_yr: f64,
+    /// Which end of the picture the first row is.
+    pub rows: RowOrder,
+    /// Optics turn the picture over.
+    pub mirrored: bool,
+    /// Attitude of the picture's centre in the middle of the exposure; drawn as the kind says where `None`.
+    pub attitude: Option<Attitude>,
+    /// Turn of the camera during the exposure, rotation vector about (left, up, boresight), rad; as the kind says where `None`.
+    pub sweep: Option<Vec3>,
+    /// Seed of what stays with a camera from frame to frame: optics, dust, hot pixels, fixed pattern. Where `None`, every
+    /// frame comes from a camera of its own.
+    pub camera: Option<u64>,
+}
+
+/// A frame and what it shows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rendered {
+    /// The frame, stamped as simulated.
+    pub frame: Frame,
+    /// What it shows.
+    pub truth: Truth,
+}
+
+/// Why nothing was rendered.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum RenderError {
+    /// No such picture.
+    #[error("a picture of {width} × {height} px can't be rendered; expected 16 to {MAX_SIDE_PX} px a side")]
+    Size {
+        /// Columns asked for.
+        width: usize,
+        /// Rows asked for.
+        height: usize,
+    },
+    /// No such lens.
+    #[error(
+        "a plate scale of {low_arcsec_px} to {high_arcsec_px} arcsec/px can't be rendered; expected 0 < low ≤ high, a field under 90°"
+    )]
+    PlateScale {
+        /// Lower end, arcsec/px.
+        low_arcsec_px: f64,
+        /// Upper end, arcsec/px.
+        high_arcsec_px: f64,
+    },
+}
+
+/// Largest side of a rendered picture, px.
+const MAX_SIDE_PX: usize = 8192;
+/// Smallest side, px.
+const MIN_SIDE_PX: usize = 16;
+
+impl RenderSpec {
+    /// A frame of the EBEX star camera: 1536×1024 px of 9.25 to 9.60″, rows from the bottom as in FITS, epoch 2013.0.
+    pub fn new(kind: Kind, seed: u64, index: u64) -> Self {
+        Self {
+            kind,
+            seed,
+            index,
+            width: 1536,
+            height: 1024,
+            platescale: (9.25 * ARCSEC, 9.60 * ARCSEC),
+            epoch_yr: 2013.0,
+            rows: RowOrder::BottomFirst,
+            mirrored: false,
+            attitude: None,
+            sweep: None,
+            camera: None,
+        }
+    }
+
+    /// Chance that is new with every frame.
+    fn dice(&self, purpose: Purpose) -> Dice {
+        Dice::new(self.seed, self.kind as u64, self.index, purpose)
+    }
+
+    /// Chance that stays with the camera.
+    fn camera_dice(&self, purpose: Purpose) -> Dice {
+        /// Groups and indices of frames never get this high, so that a camera's stream is none of theirs.
+        const CAMERA: u64 = u64::MAX;
+        match self.camera {
+            Some(seed) => Dice::new(seed, CAMERA, CAMERA, purpose),
+            None => Dice::new(self.seed, self.kind as u64 + (CAMERA >> 1), self.index, purpose),
+        }
+    }
+
+    fn check(&self) -> Result<(), RenderError> {
+        let sides = MIN_SIDE_PX..=MAX_SIDE_PX;
+        if !sides.contains(&self.width) || !sides.contains(&self.height) {
+            return Err(RenderError::Size { width: self.width, height: self.height });
+        }
+        let (low, high) = self.platescale;
+        let half_field = 0.5 * (self.width as f64).hypot(self.height as f64) * high;
+        if !(low > 0.0 && low <= high && half_field < std::f64::consts::FRAC_PI_4) {
+            return Err(RenderError::PlateScale { low_arcsec_px: low / ARCSEC, high_arcsec_px: high / ARCSEC });
+        }
+        Ok(())
+    }
+}
+
+/// Renders a frame.
+///
+/// # Errors
+///
+/// A size or a plate scale that no picture has.
+pub fn render(spec: &RenderSpec, catalogue: &Catalogue) -> Result<Rendered, RenderError> {
+    spec.check()?;
+    let (width, height) = (spec.width, spec.height);
+    let mut scene = Scene::draw(spec, catalogue);
+    let images = if scene.stars { stars::expose(spec, &mut scene, catalogue) } else { Vec::new() };
+    let sensor = &scene.sensor;
+    let pixels = match scene.blank {
+        Some(value) => vec![value; width * height],
+        None => {
+            let mut light = scene.backdrop.light(width, height, sensor.full_light_adu());
+            for star in &images {
+                star.paint(&mut light, width);
+            }
+            dim(&mut light, &scene.backdrop.transmission(width, height), &mut spec.camera_dice(Purpose::Pattern));
+            scene.flaws.paint_lasting(&mut light, width, sensor.sum_over_mean, &mut spec.camera_dice(Purpose::HotPixels));
+            scene.flaws.paint_tracks(&mut light, width, sensor.sum_over_mean, &mut spec.dice(Purpose::Events));
+            if sensor.overflows {
+                sensor.overflow(&mut light, width);
+            }
+            sensor.read_out(&light, &mut spec.dice(Purpose::Noise))
+        }
+    };
+    let truth = stars::judge(spec, &scene, catalogue, &images, &pixels);
+    let mut frame = Frame::new(width, height, pixels, spec.rows).ok_or(RenderError::Size { width, height })?;
+    frame.full_scale = Some(sensor.full_scale_adu);
+    frame.stamp.origin = format!("{}-{}-{}", spec.kind, spec.seed, spec.index);
+    frame.stamp.exposures = sensor.exposures();
+    frame.stamp.simulated = true;
+    Ok(Rendered { frame, truth })
+}
+
+/// Dims the light by the optics' transmission and the pixels' own sensitivities.
+fn dim(light: &mut [f32], transmission: &[f32], pattern: &mut Dice) {
+    for (pixel, &transmission) in light.iter_mut().zip(transmission) {
+        *pixel *= transmission * (1.0 + (FIXED_PATTERN * pattern.normal()) as f32);
+    }
+}
