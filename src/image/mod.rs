@@ -4,10 +4,18 @@
 
 mod fits;
 mod frame;
+mod bad_pixels;
+mod level;
+mod mask;
 mod name;
 mod raster;
 mod read;
+mod statistics;
 
 pub use frame::{Frame, ImageCounter, Stamp, TriggerCounter};
 pub use name::{series_stem, time_in_name};
+pub use bad_pixels::{BadPixels, BadPixelsError};
+pub use level::{Level, auto_level, to_grey8};
+pub use mask::{Mask, MaskError};
 pub use read::{Problem, ReadError, read};
+pub use statistics::{CELL_PX, CellStatistics};

@@ -3,9 +3,14 @@
 //! [`Solver::solve`] runs the stages in order: statistics, sources, match, fit, requirements, verification. Uses all rooms
 //! before it; no clock, no disk: time and the wish to stop come in through [`Watch`].
 
+mod fit;
 mod outcome;
+mod pattern;
+mod refine;
 mod report;
+mod requirements;
 mod solver;
+mod verify;
 
 pub use outcome::{
     Cause, HorizontalSolution, Match, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, StageTimes, Statistics,

@@ -1,27 +1,98 @@
 //! The solver: one frame in, one outcome out.
 
-use super::{Outcome, Prior, Reason, Watch};
-use crate::catalog::Catalogue;
-use crate::image::Frame;
+use super::fit::FitPrior;
+use super::pattern::{PatternSearch, SearchEnd, SearchRules, SearchTally};
+use super::refine::{refine, solution_of};
+use super::requirements::{self, Circle};
+use super::verify::{FrameGeometry, Hypothesis, PatternSource};
+use super::{
+    Cause, HorizontalSolution, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, Statistics, Stop, Watch,
+};
+use crate::catalog::{Catalogue, Field};
+use crate::image::{CellStatistics, Frame, Mask, auto_level};
 use crate::settings::Settings;
+use crate::sky::{CameraModel, DEG, HOUR, Observer, RowOrder, Vec3, horizontal_of};
+use crate::sources::{Finder, Source};
 use std::sync::Arc;
 
-/// Solves frames. Holds the catalogue, the index for one field, and the memory that a frame needs, so that nothing is allocated
-/// per frame after the first. A clone shares catalogue and index and has memory of its own.
+/// Solves frames. Holds the catalogue, the index for one field, and the memory that a frame needs. A clone shares catalogue and
+/// index and has memory of its own.
 #[derive(Debug, Clone)]
 pub struct Solver {
     catalogue: Arc<Catalogue>,
     settings: Arc<Settings>,
+    field: Option<Arc<Prepared>>,
+    cells: CellStatistics,
+    finder: Finder,
+    found: Vec<Source>,
+}
+
+/// A field and the size of the frames that it was made for.
+#[derive(Debug)]
+struct Prepared {
+    width: usize,
+    height: usize,
+    range: (f64, f64),
+    catalog: crate::settings::CatalogSettings,
+    tolerance_px: f64,
+    field: Field,
+}
+
+/// Scales that the robust search tries in turn, each with half the resolution of the one before.
+const ROBUST_SCALES: std::ops::RangeInclusive<usize> = 1..=3;
+/// A frame with more of its pixels saturated has no sky left to look at.
+const TOO_BRIGHT_FRACTION: f64 = 0.95;
+/// Sources that a pattern and its check need at least.
+const LEAST_SOURCES: usize = 4;
+/// A candidate less unlikely than this to be chance is worth reporting as `undecided`, ln.
+const UNDECIDED_FALSE_LN: f64 = 0.0;
+
+/// Everything about a frame that the stages after the search need.
+struct Context<'a> {
+    frame: &'a Frame,
+    watch: &'a dyn Watch,
+    field: &'a Field,
+    geometry: FrameGeometry,
+    camera: CameraModel,
+    observer: Option<Observer>,
+    /// Epoch of observation, where known, Julian year.
+    year: Option<f64>,
+    circles: Vec<Circle>,
 }
 
 impl Solver {
     /// A solver for the given settings; the index is built with the first frame, or by [`Self::prepare`].
     pub fn new(catalogue: Arc<Catalogue>, settings: Arc<Settings>) -> Self {
-        Self { catalogue, settings }
+        Self {
+            catalogue,
+            settings,
+            field: None,
+            cells: CellStatistics::default(),
+            finder: Finder::default(),
+            found: Vec::new(),
+        }
     }
 
     /// Builds the index for frames of a size, px, unless it is there (well under 2 s).
-    pub fn prepare(&mut self, _width: usize, _height: usize) {}
+    pub fn prepare(&mut self, width: usize, height: usize) {
+        let matching = &self.settings.solver.matching;
+        let range = (matching.platescale_min_arcsec_px, matching.platescale_max_arcsec_px);
+        let fits = |p: &Arc<Prepared>| {
+            (p.width, p.height, p.range, p.tolerance_px) == (width, height, range, matching.tolerance_px)
+                && p.catalog == self.settings.catalog
+        };
+        if !self.field.as_ref().is_some_and(fits) {
+            let field = Field::build(&self.catalogue, &self.settings, width, height);
+            self.field = Some(Arc::new(Prepared {
+                width,
+                height,
+                range,
+                catalog: self.settings.catalog.clone(),
+                tolerance_px: matching.tolerance_px,
+                field,
+            }));
+        }
+    }
 
     /// The catalogue whose stars the matches point into.
     pub fn catalogue(&self) -> &Arc<Catalogue> {
@@ -39,7 +110,377 @@ impl Solver {
     }
 
     /// Solves one frame: every frame ends in one outcome with its reason; nothing here fails otherwise.
-    pub fn solve(&mut self, frame: &Frame, _prior: &Prior, _watch: &dyn Watch) -> Outcome {
-        Outcome::unsolved(frame.stamp.clone(), Reason::Failed, "the solver is not there yet")
+    ///
+    /// The normal search first, and where it does not solve and `solver.robust` is set, the robust one.
+    pub fn solve(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome {
+        self.solve_scales(frame, prior, watch, 0..=0, self.settings.solver.robust)
     }
+
+    /// As [`Self::solve`], with the robust search alone: what a bench measures.
+    pub fn solve_robust(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome {
+        self.solve_scales(frame, prior, watch, 1..=0, true)
+    }
+
+    fn solve_scales(
+        &mut self,
+        frame: &Frame,
+        prior: &Prior,
+        watch: &dyn Watch,
+        normal: std::ops::RangeInclusive<usize>,
+        robust: bool,
+    ) -> Outcome {
+        let started = watch.elapsed();
+        let mut outcome = Outcome::unsolved(frame.stamp.clone(), Reason::NoMatch, "");
+        outcome.prior = prior.clone();
+        if let Err((reason, detail)) = self.may_solve(frame, &mut outcome, watch) {
+            outcome.reason = reason;
+            outcome.detail = detail;
+        } else if let Err(error) = self.mask(frame).map(|mask| {
+            self.prepare(frame.width, frame.height);
+            self.finder.begin(frame, &self.cells);
+            outcome.times.find += watch.elapsed() - started - outcome.times.statistics;
+            for scale in normal.chain(ROBUST_SCALES.filter(|_| robust)) {
+                outcome.mode = if scale == 0 { SearchMode::Normal } else { SearchMode::Robust };
+                if self.search_scale(frame, prior, watch, scale, mask.as_ref(), &mut outcome) {
+                    break;
+                }
+            }
+        }) {
+            outcome.reason = Reason::Failed;
+            outcome.detail = error;
+        }
+        outcome.times.total = watch.elapsed() - started;
+        outcome
+    }
+
+    /// Statistics, and whether the frame is worth a search at all.
+    fn may_solve(&mut self, frame: &Frame, outcome: &mut Outcome, watch: &dyn Watch) -> Result<(), (Reason, String)> {
+        let started = watch.elapsed();
+        if !self.settings.solver.enabled {
+            return Err((Reason::Disabled, "solver.enabled is false".into()));
+        }
+        if frame.width.checked_mul(frame.height) != Some(frame.pixels.len()) {
+            return Err((Reason::Failed, "the frame's size does not fit its pixels".into()));
+        }
+        let hint = self.settings.camera.full_scale_adu * u32::from(frame.stamp.exposures.max(1));
+        let full_scale = frame.full_scale.or((hint > 0).then(|| hint.min(u32::from(u16::MAX)) as u16));
+        self.cells.measure(frame, full_scale);
+        let cells = &self.cells;
+        let fraction = cells.saturated_px as f64 / frame.pixels.len().max(1) as f64;
+        let level = auto_level(frame);
+        outcome.statistics = Some(Statistics {
+            mean: cells.image_mean,
+            noise: cells.image_noise,
+            gain: cells.gain,
+            saturated_px: cells.saturated_px,
+            saturated_fraction: fraction,
+            fwhm_px: None,
+            level: (level.low, level.high),
+        });
+        outcome.times.statistics = watch.elapsed() - started;
+        let limit = self.settings.solver.saturation_limit_fraction;
+        if cells.image_noise <= 0.0 && fraction < TOO_BRIGHT_FRACTION {
+            outcome.cause = Some(Cause::NoContrast);
+            return Err((Reason::NoContrast, "half of the frame has no noise at all".into()));
+        }
+        if cells.saturation.is_some() && fraction >= TOO_BRIGHT_FRACTION {
+            let flat_and_unknown = full_scale.is_none() && cells.saturation.is_none_or(|s| s < u16::MAX) && fraction >= 1.0;
+            if flat_and_unknown {
+                outcome.cause = Some(Cause::NoContrast);
+                return Err((Reason::NoContrast, "every pixel has the same value".into()));
+            }
+            outcome.cause = Some(Cause::Overexposed);
+            return Err((Reason::TooBright, format!("{:.1} % of the pixels are at full scale", 100.0 * fraction)));
+        }
+        if fraction > limit {
+            outcome.cause = Some(Cause::Saturated);
+            return Err((
+                Reason::Saturated,
+                format!("{:.1} % of the pixels are saturated, the limit is {:.1} %", 100.0 * fraction, 100.0 * limit),
+            ));
+        }
+        Ok(())
+    }
+
+    /// The mask for frames of this size, where one is set.
+    fn mask(&self, frame: &Frame) -> Result<Option<Mask>, String> {
+        let settings = &self.settings.solver.mask;
+        if !settings.enabled || settings.fields.iter().all(|&f| f == 0) {
+            return Ok(None);
+        }
+        Mask::new(settings, frame.width, frame.height, frame.rows).map(Some).map_err(|e| e.to_string())
+    }
+
+    /// Finds and matches at one scale; `true` where the frame is done with.
+    fn search_scale(
+        &mut self,
+        frame: &Frame,
+        prior: &Prior,
+        watch: &dyn Watch,
+        scale: usize,
+        mask: Option<&Mask>,
+        outcome: &mut Outcome,
+    ) -> bool {
+        let started = watch.elapsed();
+        let masked = |x: usize, y: usize| mask.is_some_and(|m| m.is_masked(x, y));
+        let keep_on = || watch.stop().is_none();
+        let settings = self.settings.clone();
+        let sources = &settings.solver.sources;
+        let finished = self.finder.find(frame, &self.cells, sources, scale, &masked, &keep_on, &mut self.found);
+        outcome.times.find += watch.elapsed() - started;
+        if !finished {
+            return stopped(outcome, watch.stop().unwrap_or(Stop::Aborted));
+        }
+        // What is reported of an unsolved frame is the search that found most.
+        if scale == 0 || self.found.len() > outcome.sources.len() {
+            self.report_sources(outcome);
+        }
+        if !settings.solver.matching.enabled {
+            outcome.reason = Reason::Disabled;
+            outcome.detail = "solver.matching.enabled is false".into();
+            return true;
+        }
+        if self.found.len() < LEAST_SOURCES {
+            if outcome.reason == Reason::NoMatch && outcome.sources.len() < LEAST_SOURCES {
+                outcome.reason = Reason::TooFewSources;
+                outcome.cause = Some(Cause::TooFewStars);
+                outcome.detail =
+                    format!("{} sources found, a pattern needs {LEAST_SOURCES}", outcome.sources.len());
+            }
+            return false;
+        }
+        let Some(prepared) = self.field.clone() else {
+            outcome.reason = Reason::Failed;
+            outcome.detail = "the index is not there".into();
+            return true;
+        };
+        let context = self.context(frame, prior, watch, &prepared.field);
+        self.match_sources(&context, outcome)
+    }
+
+    /// Puts the sources of the last search into the outcome.
+    fn report_sources(&self, outcome: &mut Outcome) {
+        outcome.sources = self.found.iter().map(report).collect();
+        outcome.sources_tried = self.found.len().min(self.settings.solver.sources.max_sources as usize);
+        if let (Some(statistics), Some((long, short))) = (&mut outcome.statistics, self.finder.psf_axes) {
+            /// Full width at half maximum of a Gaussian, in σ.
+            const FWHM_PER_SIGMA: f64 = 2.354_820_045;
+            statistics.fwhm_px = Some(FWHM_PER_SIGMA * (long * short).sqrt());
+        }
+    }
+
+    /// What the stages after the search need to know of the frame.
+    fn context<'a>(&self, frame: &'a Frame, prior: &'a Prior, watch: &'a dyn Watch, field: &'a Field) -> Context<'a> {
+        let settings = &self.settings;
+        let camera = CameraModel {
+            width: frame.width,
+            height: frame.height,
+            platescale: field.geometry.platescale,
+            k1: 0.0,
+            rows: frame.rows,
+            mirrored: settings.camera.mirrored,
+        };
+        let (low, high) = field.platescale_range;
+        let geometry = FrameGeometry {
+            size: (frame.width as f64, frame.height as f64),
+            half_diagonal: camera.half_diagonal_px(),
+            tolerance: settings.solver.matching.tolerance_px,
+            floor: settings.solver.fit.centroid_floor_px,
+            prior: FitPrior {
+                platescale: field.geometry.platescale,
+                // Three of these reach well past the range: it must not pull a plate scale that is inside.
+                sigma_ln_platescale: (high - low) / (high + low),
+                sigma_k1: settings.solver.fit.distortion_sigma,
+            },
+        };
+        let year = frame.stamp.captured.map(|(utc, _)| utc.julian_year());
+        let observer = self.observer(frame, prior);
+        let circles =
+            requirements::expected_circles(&settings.solver.requirements, prior, observer.as_ref(), year);
+        Context { frame, watch, field, geometry, camera, observer, year, circles }
+    }
+
+    /// The observer by the settings' order of preference.
+    fn observer(&self, frame: &Frame, prior: &Prior) -> Option<Observer> {
+        let settings = &self.settings.observer;
+        let fixed = Observer {
+            latitude: settings.latitude_deg * DEG,
+            sidereal_time: settings.sidereal_time_h * HOUR,
+        };
+        prior
+            .observer
+            .filter(|_| settings.from_flight_computer)
+            .or(settings.from_settings.then_some(fixed))
+            .or(frame.stamp.observer.filter(|_| settings.from_image))
+    }
+
+    /// Matches the sources of the last search; `true` where the frame is done with.
+    fn match_sources(&self, context: &Context<'_>, outcome: &mut Outcome) -> bool {
+        let started = context.watch.elapsed();
+        let settings = &self.settings.solver;
+        let all: Vec<PatternSource> = self.found.iter().map(|s| pattern_source(s, &context.camera)).collect();
+        let tried = all.get(..all.len().min(settings.sources.max_sources as usize)).unwrap_or(&all);
+        let inside = |d: &Vec3| context.circles.iter().all(|c| c.contains(d));
+        let fraction = context.circles.iter().map(Circle::sky_fraction).fold(1.0, f64::min);
+        let rules = SearchRules {
+            min_matched: settings.matching.min_matched as usize,
+            max_false_ln: settings.matching.max_false_probability_log10 * std::f64::consts::LN_10,
+            budget: u64::from(settings.matching.candidate_budget),
+            region: (!context.circles.is_empty()).then_some((fraction, &inside)),
+            region_only: settings.prior_veto && !context.circles.is_empty(),
+            stop: &|| context.watch.stop(),
+        };
+        let (end, tally) = PatternSearch::new(context.field, tried, &context.geometry, &rules).run();
+        outcome.times.match_ += context.watch.elapsed() - started;
+        note_tally(outcome, tally);
+        match end {
+            SearchEnd::Found(hypothesis) => {
+                let started = context.watch.elapsed();
+                self.report_sources(outcome);
+                self.conclude(context, &all, &hypothesis, outcome);
+                outcome.times.fit += context.watch.elapsed() - started;
+                true
+            }
+            SearchEnd::Stopped(stop) => stopped(outcome, stop),
+            SearchEnd::Exhausted(best) => self.leave_open(context, &all, best, outcome, "every pattern was tried"),
+            SearchEnd::Budget(best) => self.leave_open(context, &all, best, outcome, "the budget of candidates was used up"),
+        }
+    }
+
+    /// The final fit of a pattern beyond doubt, its horizontal coordinates, and the requirements.
+    fn conclude(&self, context: &Context<'_>, all: &[PatternSource], found: &Hypothesis, outcome: &mut Outcome) {
+        let Some(mut solution) = self.solution(context, all, found) else {
+            outcome.reason = Reason::Failed;
+            outcome.detail = "the final fit of a verified pattern did not settle".into();
+            return;
+        };
+        solution.horizontal = horizontal(context, &solution);
+        let boresight = solution.attitude.boresight();
+        if let Some(circle) = context.circles.iter().find(|c| !c.contains(&boresight)) {
+            let distance = crate::sky::separation(&circle.centre, &boresight);
+            outcome.prior_disagreement = Some(distance);
+            outcome.cause = Some(Cause::WrongPrior);
+            outcome.detail =
+                format!("{}: {:.3}° from the prior, the radius is {:.3}°", circle.name, distance / DEG, circle.radius / DEG);
+            if self.settings.solver.prior_veto {
+                outcome.reason = Reason::Requirement;
+                outcome.candidate = Some(solution);
+                return;
+            }
+        }
+        match requirements::check(&solution, &self.settings) {
+            Ok(()) => {
+                outcome.reason = Reason::Solved;
+                outcome.solution = Some(solution);
+            }
+            Err(refusal) => {
+                outcome.reason = Reason::Requirement;
+                outcome.detail = refusal.0;
+                outcome.candidate = Some(solution);
+            }
+        }
+    }
+
+    /// The solution of a hypothesis by the final fit.
+    fn solution(&self, context: &Context<'_>, all: &[PatternSource], found: &Hypothesis) -> Option<Solution> {
+        let apply = self.settings.solver.fit.proper_motion;
+        let epoch = context.year.unwrap_or(context.field.stars.epoch_yr);
+        let years = if apply { epoch - context.field.stars.epoch_yr } else { 0.0 };
+        let (field, geometry) = (context.field, &context.geometry);
+        let (fit, matches) = refine(all, &found.pose, &found.matches, field, &self.catalogue, geometry, years)?;
+        let mirror = (
+            if context.camera.mirrored { 1.0 } else { -1.0 },
+            if context.frame.rows == RowOrder::BottomFirst { 1.0 } else { -1.0 },
+        );
+        let mut solution = solution_of(&fit, &matches, all, field, geometry, mirror, found.false_ln);
+        solution.epoch_yr = apply.then_some(epoch);
+        Some(solution)
+    }
+
+    /// No pattern beyond doubt: says what there was; `false`, so that a wider search may follow.
+    fn leave_open(
+        &self,
+        context: &Context<'_>,
+        all: &[PatternSource],
+        best: Option<Hypothesis>,
+        outcome: &mut Outcome,
+        how: &str,
+    ) -> bool {
+        let tried = outcome.sources_tried;
+        let threshold = self.settings.solver.matching.max_false_probability_log10;
+        match best.filter(|b| b.false_ln < UNDECIDED_FALSE_LN) {
+            Some(best) => {
+                outcome.reason = Reason::Undecided;
+                outcome.detail = format!(
+                    "{how}; the best candidate matches {} of {tried} sources and is chance with a probability of up to 10^{:.1}; served below 10^{threshold}",
+                    best.matches.len(),
+                    best.false_ln / std::f64::consts::LN_10,
+                );
+                outcome.candidate = self.solution(context, all, &best);
+            }
+            None if outcome.reason != Reason::Undecided => {
+                outcome.reason = Reason::NoMatch;
+                outcome.detail = format!("{how}: {tried} sources fit no pattern of stars");
+            }
+            None => {}
+        }
+        false
+    }
+}
+
+/// Ends an outcome because the watch said so.
+fn stopped(outcome: &mut Outcome, stop: Stop) -> bool {
+    (outcome.reason, outcome.detail) = match stop {
+        Stop::TimedOut => (Reason::TimedOut, format!("too old, after {} candidates", outcome.candidates_tried)),
+        Stop::Aborted => (Reason::Aborted, format!("given up by command, after {} candidates", outcome.candidates_tried)),
+    };
+    outcome.candidate = None;
+    true
+}
+
+fn note_tally(outcome: &mut Outcome, tally: SearchTally) {
+    outcome.candidates_tried += tally.candidates;
+    outcome.triangles = tally.triangles;
+}
+
+fn report(source: &Source) -> SourceReport {
+    SourceReport {
+        x: source.x,
+        y: source.y,
+        sigma_px: source.sigma,
+        flux: source.flux,
+        snr: source.snr,
+        peak: source.peak,
+        saturated: source.saturated,
+    }
+}
+
+fn pattern_source(source: &Source, camera: &CameraModel) -> PatternSource {
+    let (left, up) = camera.offsets(source.x, source.y);
+    PatternSource {
+        left,
+        up,
+        sigma: source.sigma,
+        mag: -2.5 * source.flux.max(1e-3).log10(),
+        direction: camera.to_direction(source.x, source.y),
+    }
+}
+
+/// The solution against the horizon, where the observer is known.
+fn horizontal(context: &Context<'_>, solution: &Solution) -> Option<HorizontalSolution> {
+    let observer = context.observer?;
+    let pointing = horizontal_of(&solution.attitude, &observer, context.year);
+    // The horizontal axes at the boresight are the equatorial ones turned by the difference of the two rolls.
+    let (_, _, roll) = solution.attitude.angles();
+    let (sin, cos) = (roll + pointing.roll).sin_cos();
+    let c = &solution.covariance;
+    let (east, north, both) = (c[(0, 0)], c[(1, 1)], c[(0, 1)]);
+    let along = cos * cos * east + sin * sin * north - 2.0 * sin * cos * both;
+    let upward = sin * sin * east + cos * cos * north + 2.0 * sin * cos * both;
+    Some(HorizontalSolution {
+        pointing,
+        sigma: (along.max(0.0).sqrt(), upward.max(0.0).sqrt()),
+        observer,
+        equinox_yr: context.year,
+    })
 }

@@ -1,1 +1,12 @@
-//! The sources room: finds stars in a frame: level, smooth, peaks, centroids, photometry.
+//! The sources room: finds stars in a frame, and measures where they are and how surely.
+//!
+//! One search at one scale: clip lone hot pixels → level and smooth → peaks → how each stands against its surroundings → shape of the
+//! frame's point spread function → centroids. [`Finder::find`] does it; scale 0 is the picture itself, each further one has half
+//! the resolution and so a kernel twice as wide, for pictures out of focus. Uses `image` and `settings`.
+
+mod finder;
+mod measure;
+mod peaks;
+mod plane;
+
+pub use finder::{Finder, Source};

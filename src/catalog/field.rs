@@ -1,0 +1,186 @@
+//! The catalogue as one camera sees it: moved to the epoch of observation, close pairs merged, ranked by local brightness.
+
+#![allow(clippy::indexing_slicing, reason = "a numeric kernel: every index is made from the lists' own lengths")]
+
+use super::{Catalogue, SkyGrid};
+use crate::settings::CatalogSettings;
+use crate::sky::{ARCSEC, Vec3};
+
+/// What the derivation from the catalogue depends on, besides the catalogue itself.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FieldGeometry {
+    /// Diagonal of the field, rad.
+    pub diagonal: f64,
+    /// Area of the field, sr.
+    pub area: f64,
+    /// Stars closer than this are one source, rad.
+    pub blend: f64,
+    /// Plate scale in the middle of its range, rad/px.
+    pub platescale: f64,
+}
+
+impl FieldGeometry {
+    /// The field of a camera of `width` × `height` px in the middle of its range of plate scales, arcsec/px.
+    pub fn new(width: usize, height: usize, platescale_range: (f64, f64), blend_px: f64) -> Self {
+        let platescale = 0.5 * (platescale_range.0 + platescale_range.1) * ARCSEC;
+        let (w, h) = (width as f64 * platescale, height as f64 * platescale);
+        Self { diagonal: w.hypot(h), area: w * h, blend: blend_px * platescale, platescale }
+    }
+}
+
+/// A star as the camera sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FieldStar {
+    /// Unit vector, ICRS, at the epoch of the field.
+    pub direction: Vec3,
+    /// Magnitude, of the whole blend.
+    pub mag: f32,
+    /// Brighter stars near it, within [`FieldStars::rank_radius`]; capped.
+    pub rank: u8,
+    /// Index of the (brightest) star in the catalogue.
+    pub star: u32,
+}
+
+/// All stars as one camera sees them, sorted by cells of the sky.
+#[derive(Debug, Clone)]
+pub struct FieldStars {
+    /// Epoch that the stars were moved to, Julian year.
+    pub epoch_yr: f64,
+    /// The stars, in the grid's order.
+    pub stars: Vec<FieldStar>,
+    grid: SkyGrid,
+}
+
+/// Radius inside which brighter stars are counted, as a fraction of the radius of the circle with the field's area; and the count,
+/// as a fraction of the wanted stars per field, below which a star is kept (trials of thinning: this pair keeps what a camera
+/// really sees as brightest).
+const RANK_RADIUS: f64 = 0.73;
+const RANK_PER_WANTED: f64 = 0.56;
+
+/// The rank from which stars are left out, to have about `wanted` stars in a field.
+pub fn rank_limit(wanted: f64) -> u8 {
+    (RANK_PER_WANTED * wanted).round().clamp(1.0, f64::from(u8::MAX)) as u8
+}
+
+/// How many stars of a field are brighter than one with `rank` brighter ones near it, roughly.
+pub fn field_rank(rank: u8) -> f64 {
+    (f64::from(rank) + 1.0) / RANK_PER_WANTED
+}
+
+impl FieldStars {
+    /// Derives the stars of a field from the catalogue.
+    pub fn build(catalogue: &Catalogue, settings: &CatalogSettings, geometry: &FieldGeometry) -> Self {
+        let years = settings.epoch_yr - catalogue.header.epoch_yr;
+        let directions: Vec<Vec3> = catalogue.stars.iter().map(|s| s.direction_after(years)).collect();
+        let mags: Vec<f32> = catalogue.stars.iter().map(|s| s.mag).collect();
+        let mut stars = merge_blends(&directions, &mags, geometry.blend);
+        let radius = RANK_RADIUS * (geometry.area / std::f64::consts::PI).sqrt();
+        count_brighter(&mut stars, radius, rank_limit(settings.verification_stars_per_field));
+        let directions: Vec<Vec3> = stars.iter().map(|s| s.direction).collect();
+        let (grid, order) = SkyGrid::build(&directions, 0.2 * geometry.diagonal);
+        let stars = order.iter().map(|&i| stars[i as usize]).collect();
+        Self { epoch_yr: settings.epoch_yr, stars, grid }
+    }
+
+    /// Calls `visit` with the index of every star within `radius` rad of `centre`, and possibly a few more.
+    pub fn near(&self, centre: &Vec3, radius: f64, mut visit: impl FnMut(usize, &FieldStar)) {
+        let cos_radius = radius.cos();
+        self.grid.ranges_near(centre, radius, |range| {
+            for i in range {
+                let star = &self.stars[i];
+                if star.direction.dot(centre) >= cos_radius {
+                    visit(i, star);
+                }
+            }
+        });
+    }
+}
+
+/// Merges every star into a brighter one within `blend` rad: positions weighted by flux, magnitudes added as fluxes.
+///
+/// `directions` come brightest first, and so do the results.
+fn merge_blends(directions: &[Vec3], mags: &[f32], blend: f64) -> Vec<FieldStar> {
+    // A cell no smaller than the blend radius, so that few cells are looked at; the grid has its own upper limit of cells.
+    let (grid, order) = SkyGrid::build(directions, blend.max(0.1_f64.to_radians()));
+    let cos_blend = blend.cos();
+    let flux = |mag: f32| 10f64.powf(-0.4 * f64::from(mag));
+    let mut absorbed = vec![false; directions.len()];
+    let mut merged = Vec::with_capacity(directions.len());
+    for (i, direction) in directions.iter().enumerate() {
+        if absorbed[i] {
+            continue;
+        }
+        let mut sum = direction * flux(mags[i]);
+        let mut total = flux(mags[i]);
+        grid.ranges_near(direction, blend, |range| {
+            for &j in &order[range] {
+                let j = j as usize;
+                if j > i && !absorbed[j] && directions[j].dot(direction) >= cos_blend {
+                    absorbed[j] = true;
+                    sum += directions[j] * flux(mags[j]);
+                    total += flux(mags[j]);
+                }
+            }
+        });
+        let mag = if total > flux(mags[i]) { (-2.5 * total.log10()) as f32 } else { mags[i] };
+        merged.push(FieldStar { direction: sum.normalize(), mag, rank: 0, star: i as u32 });
+    }
+    merged.sort_by(|a, b| a.mag.total_cmp(&b.mag));
+    merged
+}
+
+/// Counts, for each star (brightest first), the brighter ones within `radius` rad, up to `cap`.
+fn count_brighter(stars: &mut [FieldStar], radius: f64, cap: u8) {
+    let directions: Vec<Vec3> = stars.iter().map(|s| s.direction).collect();
+    let (grid, _) = SkyGrid::build(&directions, 0.7 * radius);
+    let cos_radius = radius.cos() as f32;
+    // Stars seen so far, as one linked list a cell: brightest last, and counting may stop early.
+    const END: u32 = u32::MAX;
+    let mut head = vec![END; grid.cells()];
+    let mut next = vec![END; stars.len()];
+    let compact: Vec<[f32; 3]> = directions.iter().map(|d| [d.x as f32, d.y as f32, d.z as f32]).collect();
+    for i in 0..stars.len() {
+        let mut count = 0u8;
+        let [x, y, z] = compact[i];
+        grid.cells_near(&directions[i], radius, |cell| {
+            let mut j = head[cell];
+            while j != END && count < cap {
+                let other = compact[j as usize];
+                count += u8::from(other[0] * x + other[1] * y + other[2] * z >= cos_radius);
+                j = next[j as usize];
+            }
+        });
+        stars[i].rank = count;
+        let cell = grid.cell_of(&directions[i]);
+        next[i] = head[cell];
+        head[cell] = i as u32;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sky::{DEG, direction, separation};
+
+    #[test]
+    fn a_close_pair_becomes_one_brighter_star_between_them() {
+        let a = direction(1.0, 0.2);
+        let b = direction(1.0, 0.2 + 10.0 * ARCSEC);
+        let far = direction(1.0, 0.2 + 60.0 * ARCSEC);
+        let merged = merge_blends(&[a, b, far], &[5.0, 5.0, 7.0], 28.0 * ARCSEC);
+        assert_eq!(merged.len(), 2);
+        assert!((merged[0].mag - (5.0 - 0.7526)).abs() < 1e-3);
+        assert!((separation(&merged[0].direction, &a) / ARCSEC - 5.0).abs() < 1e-3);
+        assert_eq!(merged[1].star, 2);
+    }
+
+    #[test]
+    fn the_rank_counts_brighter_neighbours_alone() {
+        let mut stars: Vec<FieldStar> = [(0.0, 1.0), (0.5, 2.0), (0.9, 3.0), (5.0, 4.0)]
+            .iter()
+            .map(|&(ra, mag)| FieldStar { direction: direction(ra * DEG, 0.0), mag, rank: 0, star: 0 })
+            .collect();
+        count_brighter(&mut stars, 1.0 * DEG, 9);
+        assert_eq!(stars.iter().map(|s| s.rank).collect::<Vec<_>>(), [0, 1, 2, 0]);
+    }
+}

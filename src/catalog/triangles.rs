@@ -1,0 +1,274 @@
+//! The triangle index: every triangle of index stars that fits a field, found by its shape, and every short pair by its length.
+//!
+//! A triangle has its longest side A–B and a third corner C nearer to A. Its shape is x = AC·AB/|AB|² in [0, ½] and
+//! y = ±|AB×AC|/|AB|², the sign being that of A·(B×C), so that a mirrored triangle is another one. From chords, so that the shape is
+//! exact at any width of field and any attitude. Entries are sorted by bins of x, y and ln|AB|, the last innermost: any range of
+//! plate scale is one run of memory.
+
+#![allow(clippy::indexing_slicing, reason = "a numeric kernel: every index is made from the lists' own lengths")]
+
+use super::{FieldGeometry, FieldStars, SkyGrid, field::rank_limit};
+use crate::settings::CatalogSettings;
+use crate::sky::Vec3;
+use std::ops::Range;
+
+/// Bins per unit of x and y, and per unit of ln L (trials: 1/48 to 1/192 in x and y make no difference; 1.5 % in L).
+const SHAPE_BINS: f64 = 96.0;
+const LOG_BINS: f64 = 1.0 / 0.015;
+/// Bins along x (0 to ½) and along y (±√¾ and a little).
+const X_BINS: usize = 49;
+const Y_BINS: usize = 168;
+/// Shortest longest side and longest indexed pair, fractions of the diagonal: below, a centroid's error turns the attitude too far;
+/// above, there are too many pairs for a last resort.
+const SHORTEST_SIDE: f64 = 0.08;
+const LONGEST_PAIR: f64 = 0.35;
+/// Neighbours of a star that can be told apart by one byte.
+const MAX_NEIGHBOURS: usize = 256;
+
+/// One triangle: star A, the places of B and C among its neighbours, and where in its bin x and y lie.
+#[derive(Debug, Clone, Copy, Default)]
+struct Entry {
+    a: u32,
+    b: u8,
+    c: u8,
+    x: u8,
+    y: u8,
+}
+
+/// A pair of index stars.
+#[derive(Debug, Clone, Copy)]
+struct Pair {
+    chord: f32,
+    a: u32,
+    b: u32,
+}
+
+/// Which triangles a query wants.
+#[derive(Debug, Clone, Copy)]
+pub struct TriangleQuery {
+    /// Shape along the longest side.
+    pub x: f64,
+    /// Shape across the longest side, signed.
+    pub y: f64,
+    /// Half width of the box around x and y.
+    pub tolerance: f64,
+    /// Least and greatest length of the longest side, chord.
+    pub length: (f64, f64),
+}
+
+/// All triangles and short pairs of index stars of one field.
+#[derive(Debug, Clone)]
+pub struct TriangleIndex {
+    /// Directions of the index stars.
+    directions: Vec<Vec3>,
+    neighbours: Vec<u32>,
+    first_neighbour: Vec<u32>,
+    /// Chords of the shortest and longest indexed side A–B.
+    sides: (f64, f64),
+    log_bins: usize,
+    offsets: Vec<u32>,
+    entries: Vec<Entry>,
+    pairs: Vec<Pair>,
+}
+
+impl TriangleIndex {
+    /// Builds the index of a field: about a second for fifteen stars a field of 4° × 3°.
+    pub fn build(field: &FieldStars, settings: &CatalogSettings, geometry: &FieldGeometry) -> Self {
+        let limit = rank_limit(settings.index_stars_per_field);
+        let directions: Vec<Vec3> = field.stars.iter().filter(|s| s.rank < limit).map(|s| s.direction).collect();
+        let chord = |angle: f64| 2.0 * (0.5 * angle).sin();
+        let sides =
+            (chord(SHORTEST_SIDE * geometry.diagonal), chord(settings.longest_side_fraction * geometry.diagonal));
+        let (neighbours, first_neighbour) = find_neighbours(&directions, sides.1);
+        let log_bins = ((sides.1 / sides.0).ln() * LOG_BINS) as usize + 1;
+        let mut index = Self {
+            directions,
+            neighbours,
+            first_neighbour,
+            sides,
+            log_bins,
+            offsets: vec![0; X_BINS * Y_BINS * log_bins + 1],
+            entries: Vec::new(),
+            pairs: Vec::new(),
+        };
+        let mut offsets = std::mem::take(&mut index.offsets);
+        index.enumerate(|bin, _| offsets[bin + 1] += 1);
+        for i in 1..offsets.len() {
+            offsets[i] += offsets[i - 1];
+        }
+        let mut next = offsets.clone();
+        let mut entries = vec![Entry::default(); offsets.last().copied().unwrap_or(0) as usize];
+        index.enumerate(|bin, entry| {
+            entries[next[bin] as usize] = entry;
+            next[bin] += 1;
+        });
+        index.offsets = offsets;
+        index.entries = entries;
+        index.pairs = index.short_pairs(chord(LONGEST_PAIR * geometry.diagonal));
+        index
+    }
+
+    /// Direction of an index star.
+    pub fn direction(&self, star: u32) -> &Vec3 {
+        &self.directions[star as usize]
+    }
+
+    /// Number of index stars, triangles and pairs.
+    pub fn counts(&self) -> (usize, usize, usize) {
+        (self.directions.len(), self.entries.len(), self.pairs.len())
+    }
+
+    /// Memory held, bytes.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.directions[..])
+            + size_of_val(&self.neighbours[..])
+            + size_of_val(&self.first_neighbour[..])
+            + size_of_val(&self.offsets[..])
+            + size_of_val(&self.entries[..])
+            + size_of_val(&self.pairs[..])
+    }
+
+    /// Chords of the shortest and longest side A–B that the index holds.
+    pub fn sides(&self) -> (f64, f64) {
+        self.sides
+    }
+
+    /// Longest pair that the index holds, chord.
+    pub fn longest_pair(&self) -> f64 {
+        self.pairs.last().map_or(0.0, |p| f64::from(p.chord))
+    }
+
+    /// Calls `visit` with the corners A, B, C of every triangle of the wanted shape and length.
+    pub fn triangles(&self, query: &TriangleQuery, mut visit: impl FnMut([u32; 3])) {
+        let Some(lengths) = self.log_range(query.length) else { return };
+        let (x0, y0) = (query.x * SHAPE_BINS, query.y * SHAPE_BINS + 0.5 * Y_BINS as f64);
+        let t = query.tolerance * SHAPE_BINS;
+        let bins = |centre: f64, count: usize| {
+            let first = (centre - t).max(0.0) as usize;
+            let last = (centre + t).clamp(-1.0, count as f64 - 1.0);
+            first..if last < 0.0 { 0 } else { last as usize + 1 }
+        };
+        let length_sq = (query.length.0.powi(2), query.length.1.powi(2));
+        for ix in bins(x0, X_BINS) {
+            for iy in bins(y0, Y_BINS) {
+                let base = (ix * Y_BINS + iy) * self.log_bins;
+                let run = self.offsets[base + lengths.start] as usize..self.offsets[base + lengths.end] as usize;
+                // In units of 1/256 of a bin, relative to this bin's corner.
+                let (cx, cy, ct) = ((x0 - ix as f64) * 256.0 - 0.5, (y0 - iy as f64) * 256.0 - 0.5, t * 256.0);
+                let range = |centre: f64| ((centre - ct).max(0.0) as u32, (centre + ct).clamp(0.0, 255.0) as u32);
+                let ((x_min, x_max), (y_min, y_max)) = (range(cx), range(cy));
+                for entry in &self.entries[run] {
+                    let (x, y) = (u32::from(entry.x), u32::from(entry.y));
+                    if x < x_min || x > x_max || y < y_min || y > y_max {
+                        continue;
+                    }
+                    let near = &self.neighbours[self.first_neighbour[entry.a as usize] as usize..];
+                    let (b, c) = (near[usize::from(entry.b)], near[usize::from(entry.c)]);
+                    let side = (self.directions[b as usize] - self.directions[entry.a as usize]).norm_squared();
+                    if side >= length_sq.0 && side <= length_sq.1 {
+                        visit([entry.a, b, c]);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Calls `visit` with every pair of a length, chord, once; which star is which is left to the caller.
+    pub fn pairs(&self, length: (f64, f64), mut visit: impl FnMut([u32; 2])) {
+        let first = self.pairs.partition_point(|p| f64::from(p.chord) < length.0);
+        for pair in self.pairs[first..].iter().take_while(|p| f64::from(p.chord) <= length.1) {
+            visit([pair.a, pair.b]);
+        }
+    }
+
+    /// Bins of ln L that a range of lengths touches; `None` where it lies outside the index.
+    fn log_range(&self, length: (f64, f64)) -> Option<Range<usize>> {
+        if !(length.1 >= self.sides.0 && length.0 <= self.sides.1) {
+            return None;
+        }
+        let bin = |l: f64| (((l / self.sides.0).ln() * LOG_BINS).max(0.0) as usize).min(self.log_bins - 1);
+        Some(bin(length.0)..bin(length.1) + 1)
+    }
+
+    /// Calls `visit` with the bin and entry of every triangle, in the order of star A.
+    fn enumerate(&self, mut visit: impl FnMut(usize, Entry)) {
+        let mut local: Vec<(Vec3, f64)> = Vec::with_capacity(MAX_NEIGHBOURS);
+        for (a, at) in self.directions.iter().enumerate() {
+            let near = &self.neighbours[self.first_neighbour[a] as usize..self.first_neighbour[a + 1] as usize];
+            local.clear();
+            local.extend(near.iter().map(|&n| self.directions[n as usize]).map(|d| (d, (d - at).norm_squared())));
+            for (b, &(b_at, length_sq)) in local.iter().enumerate() {
+                let length = length_sq.sqrt();
+                if length < self.sides.0 {
+                    continue;
+                }
+                let log_bin = ((length / self.sides.0).ln() * LOG_BINS) as usize;
+                let normal = at.cross(&b_at);
+                for (c, &(c_at, ac_sq)) in local[..b].iter().enumerate() {
+                    let bc_sq = (c_at - b_at).norm_squared();
+                    // C is nearer to A, and A–B is the longest side; ties go both ways, so no triangle is lost.
+                    if bc_sq > length_sq || ac_sq > bc_sq {
+                        continue;
+                    }
+                    let x = 0.5 * (ac_sq + length_sq - bc_sq) / length_sq;
+                    let y = (ac_sq / length_sq - x * x).max(0.0).sqrt().copysign(normal.dot(&c_at));
+                    let (sx, sy) = (x * SHAPE_BINS, y * SHAPE_BINS + 0.5 * Y_BINS as f64);
+                    let (ix, iy) = ((sx as usize).min(X_BINS - 1), (sy as usize).min(Y_BINS - 1));
+                    let in_bin = |s: f64, i: usize| ((s - i as f64) * 256.0).clamp(0.0, 255.0) as u8;
+                    visit(
+                        (ix * Y_BINS + iy) * self.log_bins + log_bin.min(self.log_bins - 1),
+                        Entry { a: a as u32, b: b as u8, c: c as u8, x: in_bin(sx, ix), y: in_bin(sy, iy) },
+                    );
+                }
+            }
+        }
+    }
+
+    /// Every pair up to a chord, by length.
+    fn short_pairs(&self, longest: f64) -> Vec<Pair> {
+        let mut pairs = Vec::new();
+        for (a, at) in self.directions.iter().enumerate() {
+            for &b in &self.neighbours[self.first_neighbour[a] as usize..self.first_neighbour[a + 1] as usize] {
+                let chord = (self.directions[b as usize] - at).norm();
+                if (b as usize) > a && chord >= self.sides.0 && chord <= longest {
+                    pairs.push(Pair { chord: chord as f32, a: a as u32, b });
+                }
+            }
+        }
+        pairs.sort_by(|p, q| p.chord.total_cmp(&q.chord).then(p.a.cmp(&q.a)).then(p.b.cmp(&q.b)));
+        pairs
+    }
+}
+
+/// The neighbours of each star within a chord, nearest first; where there are more than fit a byte, the nearest.
+fn find_neighbours(directions: &[Vec3], chord: f64) -> (Vec<u32>, Vec<u32>) {
+    let radius = 2.0 * (0.5 * chord).asin();
+    let (grid, order) = SkyGrid::build(directions, 0.5 * radius);
+    let mut neighbours = Vec::new();
+    let mut first = vec![0u32];
+    let mut near: Vec<(f64, u32)> = Vec::new();
+    for (a, at) in directions.iter().enumerate() {
+        near.clear();
+        grid.ranges_near(at, radius, |range| {
+            for &b in &order[range] {
+                let distance_sq = (directions[b as usize] - at).norm_squared();
+                if b as usize != a && distance_sq <= chord * chord {
+                    near.push((distance_sq, b));
+                }
+            }
+        });
+        near.sort_by(|p, q| p.0.total_cmp(&q.0).then(p.1.cmp(&q.1)));
+        neighbours.extend(near.iter().take(MAX_NEIGHBOURS).map(|&(_, b)| b));
+        first.push(neighbours.len() as u32);
+    }
+    (neighbours, first)
+}
+
+/// Shape of the triangle with the longest side A–B and third corner C: x, y and the chord |AB|.
+pub fn shape(a: &Vec3, b: &Vec3, c: &Vec3) -> (f64, f64, f64) {
+    let (ab, ac) = (b - a, c - a);
+    let length_sq = ab.norm_squared();
+    let x = ac.dot(&ab) / length_sq;
+    let y = (ab.cross(&ac).norm() / length_sq).copysign(a.cross(b).dot(c));
+    (x, y, length_sq.sqrt())
+}

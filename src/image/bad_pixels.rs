@@ -1,0 +1,148 @@
+//! Pixels that cannot be believed, replaced by their neighbours.
+
+use std::collections::BTreeSet;
+
+/// Furthest that a good neighbour is looked for, px.
+const MAX_REACH: usize = 4;
+
+/// The bad pixels of one detector.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct BadPixels {
+    /// Column and row in file order.
+    pixels: BTreeSet<(usize, usize)>,
+}
+
+/// A line of a list of bad pixels that cannot be read.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{name}, line {line}: \"{text}\", expected column and row of a pixel: two whole numbers from 0, as in `12 34`")]
+pub struct BadPixelsError {
+    /// The list's name, as given.
+    pub name: String,
+    /// The line, from 1.
+    pub line: usize,
+    /// What stands there (its beginning).
+    pub text: String,
+}
+
+impl BadPixels {
+    /// Reads a list: `x y` a line, 0-based in file order; `#` begins a comment. `name` is for errors.
+    pub fn parse(name: &str, list: &str) -> Result<Self, BadPixelsError> {
+        let mut pixels = BTreeSet::new();
+        for (i, line) in list.lines().enumerate() {
+            let entry = line.split('#').next().unwrap_or_default();
+            let mut words = entry.split_whitespace();
+            match (words.next(), words.next(), words.next()) {
+                (None, ..) => {}
+                (Some(x), Some(y), None) if let (Some(x), Some(y)) = (whole(x), whole(y)) => {
+                    pixels.insert((x, y));
+                }
+                _ => {
+                    let text = entry.trim().chars().take(40).collect();
+                    return Err(BadPixelsError { name: name.to_owned(), line: i + 1, text });
+                }
+            }
+        }
+        Ok(Self { pixels })
+    }
+
+    /// Bad pixels listed.
+    pub fn len(&self) -> usize {
+        self.pixels.len()
+    }
+
+    /// None is listed.
+    pub fn is_empty(&self) -> bool {
+        self.pixels.is_empty()
+    }
+
+    /// Replaces each bad pixel of an image by the median of its good neighbours: the 8 around it or, where they are bad
+    /// too, the nearest square ring within 4 px that has a good one. Returns how many were replaced; a listed pixel
+    /// outside the image, or without a good one near it, is left alone.
+    pub fn apply(&self, pixels: &mut [u16], width: usize, height: usize) -> usize {
+        let mut replaced = 0;
+        for &(x, y) in &self.pixels {
+            if x >= width || y >= height {
+                continue;
+            }
+            let median = (1..=MAX_REACH).find_map(|reach| self.median_of_ring(pixels, (width, height), (x, y), reach));
+            if let (Some(median), Some(pixel)) = (median, pixels.get_mut(y * width + x)) {
+                *pixel = median;
+                replaced += 1;
+            }
+        }
+        replaced
+    }
+
+    /// Median of the good pixels at a Chebyshev distance from a pixel; of an even number, the mean of the middle two.
+    fn median_of_ring(
+        &self,
+        pixels: &[u16],
+        (width, height): (usize, usize),
+        (x, y): (usize, usize),
+        reach: usize,
+    ) -> Option<u16> {
+        let across = |centre: usize, size: usize| centre.saturating_sub(reach)..=(centre + reach).min(size - 1);
+        let mut values: Vec<u16> = across(y, height)
+            .flat_map(|v| across(x, width).map(move |u| (u, v)))
+            .filter(|&(u, v)| u.abs_diff(x).max(v.abs_diff(y)) == reach && !self.pixels.contains(&(u, v)))
+            .filter_map(|(u, v)| pixels.get(v * width + u).copied())
+            .collect();
+        values.sort_unstable();
+        let upper = *values.get(values.len() / 2)?;
+        let lower = *values.get((values.len() - 1) / 2)?;
+        Some(upper.midpoint(lower))
+    }
+}
+
+/// A whole number of digits alone.
+fn whole(word: &str) -> Option<usize> {
+    word.bytes().all(|c| c.is_ascii_digit()).then(|| word.parse().ok()).flatten()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bad_pixel_takes_the_median_of_its_good_neighbours() {
+        let bad = BadPixels::parse("bad.txt", "# column row\n1 1\n\n 2   1 # hot\n99 99\n").unwrap();
+        assert_eq!(bad.len(), 3);
+        #[rustfmt::skip]
+        let mut pixels = [
+            10,    20,    30, 0,
+            40, 60000, 60000, 0,
+            70,    80,    90, 0,
+        ];
+        assert_eq!(bad.apply(&mut pixels, 4, 3), 2, "the third is outside");
+        // Around (1, 1): 10 20 30 40 70 80 90, its right neighbour being bad; around (2, 1): 0 0 0 20 30 80 90.
+        assert_eq!((pixels[5], pixels[6]), (40, 20));
+    }
+
+    #[test]
+    fn a_pixel_among_bad_ones_takes_the_nearest_good_ring_and_a_hopeless_one_stays() {
+        let block: String = (0..3).flat_map(|y| (0..3).map(move |x| format!("{x} {y}\n"))).collect();
+        let bad = BadPixels::parse("bad.txt", &block).unwrap();
+        let mut pixels = [7_u16; 25];
+        pixels[0] = 500;
+        assert_eq!(bad.apply(&mut pixels, 5, 5), 9);
+        assert_eq!(pixels[0], 7);
+        let mut nothing_else = [500_u16; 9];
+        assert_eq!(bad.apply(&mut nothing_else, 3, 3), 0);
+    }
+
+    #[test]
+    fn a_line_that_is_no_pixel_is_named() {
+        for (list, line, text) in [
+            ("1 2\n3", 2, "3"),
+            ("1 2 3", 1, "1 2 3"),
+            ("# ok\n\n-1 2", 3, "-1 2"),
+            ("1.5 2", 1, "1.5 2"),
+            ("+1 2", 1, "+1 2"),
+            ("99999999999999999999999 0", 1, "99999999999999999999999 0"),
+        ] {
+            let error = BadPixels::parse("bad.txt", list).unwrap_err();
+            assert_eq!(error, BadPixelsError { name: "bad.txt".to_owned(), line, text: text.to_owned() });
+            assert!(error.to_string().starts_with(&format!("bad.txt, line {line}: ")), "{error}");
+        }
+    }
+}

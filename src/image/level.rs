@@ -1,0 +1,117 @@
+//! Auto-levelling: the part of the scale in which an image lives, for showing it.
+
+use super::Frame;
+use crate::sky::RowOrder;
+
+/// Every fourth pixel of every fourth row is counted.
+const STEP: usize = 4;
+/// One part in this many of the counted pixels is left out at either end, so that 98 % stay.
+const TAIL: usize = 100;
+/// Room beyond the boundaries, ADU.
+const MARGIN_ADU: u16 = 2;
+
+/// The values that are shown black and white, ADU.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Level {
+    /// Shown black.
+    pub low: u16,
+    /// Shown white; above `low`.
+    pub high: u16,
+}
+
+/// The middle 98 % of an image's values, by a histogram of one pixel in 16, with a margin of 2 ADU.
+///
+/// Where the ends cross, the full scale. (Paper, § Statistics; margins and fallback of the program that flew.)
+pub fn auto_level(frame: &Frame) -> Level {
+    let mut counts = vec![0_u32; usize::from(u16::MAX) + 1];
+    let mut counted = 0;
+    for row in frame.pixels.chunks(frame.width.max(1)).step_by(STEP) {
+        for &adu in row.iter().step_by(STEP) {
+            if let Some(count) = counts.get_mut(usize::from(adu)) {
+                *count += 1;
+                counted += 1;
+            }
+        }
+    }
+    let low = end_of(counts.iter().enumerate(), counted).map(|adu| adu.saturating_sub(MARGIN_ADU));
+    let high = end_of(counts.iter().enumerate().rev(), counted).map(|adu| adu.saturating_add(MARGIN_ADU));
+    match (low, high) {
+        (Some(low), Some(high)) if low < high => Level { low, high },
+        _ => Level { low: 0, high: frame.full_scale.unwrap_or(u16::MAX).max(1) },
+    }
+}
+
+/// The value at which the values passed, from one end of the histogram, become more than the tail.
+fn end_of<'a>(mut histogram: impl Iterator<Item = (usize, &'a u32)>, counted: usize) -> Option<u16> {
+    let mut passed = 0;
+    let (adu, _) = histogram.find(|&(_, &count)| {
+        passed += count as usize;
+        passed * TAIL > counted
+    })?;
+    u16::try_from(adu).ok()
+}
+
+/// An image in 8 bits between two levels, its top row first whatever its own row order.
+pub fn to_grey8(frame: &Frame, level: Level) -> Vec<u8> {
+    let range = u32::from(level.high.saturating_sub(level.low)).max(1);
+    let shade = |&adu: &u16| ((u32::from(adu.saturating_sub(level.low)) * 255 + range / 2) / range).min(255) as u8;
+    let rows = frame.pixels.chunks(frame.width.max(1));
+    match frame.rows {
+        RowOrder::TopFirst => rows.flatten().map(shade).collect(),
+        RowOrder::BottomFirst => rows.rev().flatten().map(shade).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_outer_hundredths_are_left_out() {
+        // 200 × 200 px give 2500 counted ones: 30 dark and 30 bright, the rest from 1000 to 1099.
+        let mut frame = Frame::new(200, 200, vec![0; 40_000], RowOrder::TopFirst).unwrap();
+        let mut n = 0;
+        for y in (0..200).step_by(4) {
+            for x in (0..200).step_by(4) {
+                frame.pixels[y * 200 + x] = if n < 20 {
+                    5
+                } else if n < 40 {
+                    60_000
+                } else {
+                    1000 + (n % 100) as u16
+                };
+                n += 1;
+            }
+        }
+        let level = auto_level(&frame);
+        // 1 % are 25: 20 extremes and 5 more, 24 or 25 values being at each ADU.
+        assert_eq!(level, Level { low: 998, high: 1101 });
+        let grey = to_grey8(&frame, level);
+        assert!(grey.iter().any(|&v| v == 0) && grey.contains(&255));
+    }
+
+    #[test]
+    fn a_flat_image_has_levels_around_its_value() {
+        let frame = Frame::new(8, 8, vec![700; 64], RowOrder::TopFirst).unwrap();
+        assert_eq!(auto_level(&frame), Level { low: 698, high: 702 });
+        let full = Frame::new(1, 1, vec![65_535], RowOrder::TopFirst).unwrap();
+        assert_eq!(auto_level(&full), Level { low: 65_533, high: 65_535 });
+    }
+
+    #[test]
+    fn two_values_of_half_each_keep_both() {
+        let pixels = (0..6400).map(|i| if i % 80 < 40 { 100 } else { 4000 }).collect();
+        let frame = Frame::new(80, 80, pixels, RowOrder::TopFirst).unwrap();
+        assert_eq!(auto_level(&frame), Level { low: 98, high: 4002 });
+    }
+
+    #[test]
+    fn up_is_shown_on_top() {
+        let level = Level { low: 100, high: 200 };
+        let mut frame = Frame::new(2, 2, vec![0, 100, 150, 300], RowOrder::TopFirst).unwrap();
+        assert_eq!(to_grey8(&frame, level), [0, 0, 128, 255]);
+        frame.rows = RowOrder::BottomFirst;
+        assert_eq!(to_grey8(&frame, level), [128, 255, 0, 0]);
+        assert_eq!(to_grey8(&frame, Level { low: 9, high: 9 }), [255, 255, 0, 255]);
+    }
+}

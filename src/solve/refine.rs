@@ -1,0 +1,135 @@
+//! The final fit: every source found against every star of the field, at the epoch of observation.
+
+use super::fit::{Fit, Pair, Pose, fit};
+use super::verify::{Assigned, FrameGeometry, PatternSource, assign, project_stars};
+use super::{Match, Solution};
+use crate::catalog::{Catalogue, Field};
+
+/// A pair is left out where its residual exceeds this many of its σ (after inflation by the fit's own scatter), but never where it is
+/// below the least tolerance, nor kept above the greatest, px.
+const CLIP_SIGMAS: f64 = 3.5;
+const LEAST_TOLERANCE_PX: f64 = 0.35;
+const FIRST_TOLERANCE_PX: f64 = 2.5;
+const ROUNDS: usize = 4;
+/// Stars fainter than the faintest source by more than this are not looked at, mag.
+const DEPTH_MARGIN: f64 = 1.0;
+/// The scatter that a fit of few pairs shows is not believed below this, of that which the σ explain.
+const LEAST_SCATTER: f64 = 1.0;
+
+/// Fits a pose to all sources, starting from a verified one. `years`: from the field's epoch to that of observation.
+///
+/// Returns the fit and its matches; `None` where it does not settle.
+pub fn refine(
+    sources: &[PatternSource],
+    start: &Pose,
+    first: &[Assigned],
+    field: &Field,
+    catalogue: &Catalogue,
+    geometry: &FrameGeometry,
+    years: f64,
+) -> Option<(Fit, Vec<Assigned>)> {
+    let faintest = faintest_star(sources, first, field);
+    let mut pose = *start;
+    let mut scatter = f64::INFINITY;
+    let mut stars = Vec::new();
+    let mut matches = Vec::new();
+    let mut result = None;
+    for _ in 0..ROUNDS {
+        project_stars(field, &pose, geometry, u8::MAX, &mut stars);
+        stars.retain(|&(i, _, _)| field.stars.stars.get(i).is_some_and(|s| f64::from(s.mag) <= faintest));
+        assign(sources, &stars, |s| tolerance(s, geometry, scatter), &mut matches);
+        let pairs = final_pairs(sources, &matches, field, catalogue, geometry, years);
+        let fitted = fit(&pairs, &pose, geometry.half_diagonal, &geometry.prior)?;
+        pose = fitted.pose;
+        scatter = fitted.chi2_per_dof().sqrt().max(LEAST_SCATTER);
+        result = Some(fitted);
+    }
+    result.map(|fit| (fit, matches))
+}
+
+/// How far from a star a source may lie in this round, px.
+fn tolerance(source: &PatternSource, geometry: &FrameGeometry, scatter: f64) -> f64 {
+    if scatter.is_infinite() {
+        return FIRST_TOLERANCE_PX.max(2.0 * source.sigma).min(geometry.tolerance);
+    }
+    (CLIP_SIGMAS * scatter * source.sigma.hypot(geometry.floor)).clamp(LEAST_TOLERANCE_PX, geometry.tolerance)
+}
+
+/// The faintest star worth looking at: the faintest source's brightness by the zero point of the first matches, and a margin.
+fn faintest_star(sources: &[PatternSource], first: &[Assigned], field: &Field) -> f64 {
+    let mut zero_points: Vec<f64> = first
+        .iter()
+        .filter_map(|m| Some(sources.get(m.source)?.mag - f64::from(field.stars.stars.get(m.star)?.mag)))
+        .collect();
+    zero_points.sort_by(f64::total_cmp);
+    let zero_point = zero_points.get(zero_points.len() / 2).copied().unwrap_or(0.0);
+    let faintest = sources.iter().map(|s| s.mag).fold(f64::MIN, f64::max);
+    faintest - zero_point + DEPTH_MARGIN
+}
+
+/// The pairs of the final fit, with the stars moved to the epoch of observation.
+fn final_pairs(
+    sources: &[PatternSource],
+    matches: &[Assigned],
+    field: &Field,
+    catalogue: &Catalogue,
+    geometry: &FrameGeometry,
+    years: f64,
+) -> Vec<Pair> {
+    let epoch = field.stars.epoch_yr - catalogue.header.epoch_yr;
+    matches
+        .iter()
+        .filter_map(|m| Some((sources.get(m.source)?, field.stars.stars.get(m.star)?)))
+        .map(|(source, star)| {
+            // A blend's place is its own; what the brightest star of it moved since the field's epoch is added.
+            let moved = catalogue
+                .stars
+                .get(star.star as usize)
+                .map(|s| s.direction_after(epoch + years) - s.direction_after(epoch))
+                .unwrap_or_default();
+            Pair {
+                left: source.left,
+                up: source.up,
+                sigma: source.sigma.hypot(geometry.floor),
+                star: (star.direction + moved).normalize(),
+            }
+        })
+        .collect()
+}
+
+/// The solution of a fit. `mirror`: signs that turn offsets along left and up into x and y of the file.
+pub fn solution_of(
+    fit: &Fit,
+    matches: &[Assigned],
+    sources: &[PatternSource],
+    field: &Field,
+    geometry: &FrameGeometry,
+    mirror: (f64, f64),
+    false_ln: f64,
+) -> Solution {
+    let (covariance, sigma_ln_platescale) = fit.sky_covariance();
+    let mut squares = 0.0;
+    let matched: Vec<Match> = matches
+        .iter()
+        .filter_map(|m| {
+            let (source, star) = (sources.get(m.source)?, field.stars.stars.get(m.star)?);
+            let (left, up) = fit.pose.project(&star.direction, geometry.half_diagonal)?;
+            let residual = ((left - source.left) * mirror.0, (up - source.up) * mirror.1);
+            squares += residual.0 * residual.0 + residual.1 * residual.1;
+            Some(Match { source: m.source, star: star.star as usize, residual_px: residual })
+        })
+        .collect();
+    Solution {
+        attitude: fit.pose.attitude,
+        platescale: fit.pose.platescale,
+        k1: fit.pose.k1,
+        covariance,
+        sigma_platescale: fit.pose.platescale * sigma_ln_platescale,
+        rms_px: (squares / (2 * matched.len()).max(1) as f64).sqrt(),
+        chi2_per_dof: fit.chi2_per_dof(),
+        matches: matched,
+        false_probability_log10: false_ln / std::f64::consts::LN_10,
+        horizontal: None,
+        epoch_yr: None,
+    }
+}

@@ -1,0 +1,229 @@
+//! Verification: how much better a candidate attitude explains the sources than chance does.
+//!
+//! Null hypothesis: sources lie anywhere on the picture. Alternative: each source is, with probability 1 − d, one of the catalogued stars
+//! that the attitude puts there. The ratio of the two likelihoods, over one attitude, exceeds e^T by chance with probability under
+//! e^−T (Markov); over all attitudes that could be told apart, under N e^−T. So `ln N − log odds` bounds the probability that the best
+//! candidate is false, and the threshold follows from what was searched, not from experience.
+
+use super::fit::{FitPrior, Pair, Pose, fit};
+use crate::catalog::{Field, field_rank};
+use crate::sky::Vec3;
+
+/// A source as the matcher sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PatternSource {
+    /// Offset from the centre along left, px.
+    pub left: f64,
+    /// Offset from the centre along up, px.
+    pub up: f64,
+    /// One σ of either, px.
+    pub sigma: f64,
+    /// Brightness, −2.5 log10 of the flux.
+    pub mag: f64,
+    /// Direction in the camera frame at the plate scale in the middle of its range.
+    pub direction: Vec3,
+}
+
+/// A source and the star of the field that it may be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Assigned {
+    /// Index of the source.
+    pub source: usize,
+    /// Index of the star among the field's.
+    pub star: usize,
+}
+
+/// A candidate that was looked at in full.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Hypothesis {
+    /// Fitted pose.
+    pub pose: Pose,
+    /// One-to-one matches.
+    pub matches: Vec<Assigned>,
+    /// ln of the likelihood ratio.
+    pub log_odds: f64,
+    /// Upper bound of the probability that a candidate as good as this is chance, natural logarithm.
+    pub false_ln: f64,
+}
+
+/// What verification needs to know of the frame.
+#[derive(Debug, Clone, Copy)]
+pub struct FrameGeometry {
+    /// Columns and rows, px.
+    pub size: (f64, f64),
+    /// Half the diagonal, px.
+    pub half_diagonal: f64,
+    /// A source within this distance of a star may be it, px.
+    pub tolerance: f64,
+    /// Error of a centroid that no noise explains, px.
+    pub floor: f64,
+    /// What is known of the camera.
+    pub prior: FitPrior,
+}
+
+/// A source is no catalogued star with this probability.
+const STRAY: f64 = 0.5;
+/// Positional errors beyond a source's own σ that are averaged over, px: distortion, blends, the fit itself.
+const EXTRA_SIGMAS: [f64; 3] = [0.25, 0.6, 1.2];
+/// Scatter of star magnitudes about those seen, and the density of chance magnitudes, per mag; a share that knows nothing.
+const MAG_SIGMA: f64 = 0.65;
+const MAG_CHANCE: f64 = 0.25;
+const MAG_UNKNOWN: f64 = 0.03;
+/// Share of the probability for the stars that ought to be seen; the rest is for fainter ones.
+const BRIGHT_SHARE: f64 = 0.75;
+/// Attitudes closer than this cannot be told apart, px (the trials' choice).
+const RESOLUTION_PX: f64 = 1.0;
+
+/// ln of the number of attitudes, rolls and plate scales that `sources` sources could tell apart.
+///
+/// `sky_fraction`: the part of the sky that is searched.
+pub fn ln_hypotheses(sources: usize, geometry: &FrameGeometry, field: &Field, sky_fraction: f64) -> f64 {
+    let n = (sources.max(1)) as f64;
+    let s = RESOLUTION_PX * field.geometry.platescale;
+    // Root mean square distance from the centre of a uniform rectangle.
+    let r = field.geometry.platescale * (geometry.size.0.powi(2) + geometry.size.1.powi(2)).sqrt() / 12f64.sqrt();
+    let (low, high) = field.platescale_range;
+    let scale_half_width = (high - low) / (high + low);
+    let positions = 4.0 * std::f64::consts::PI * sky_fraction * n / (2.0 * std::f64::consts::PI * s * s);
+    let rolls = std::f64::consts::TAU * r * n.sqrt() / (2.5 * s);
+    let scales = 2.0 * scale_half_width * r * n.sqrt() / (2.5 * s);
+    positions.max(1.0).ln() + rolls.max(1.0).ln() + scales.max(1.0).ln()
+}
+
+/// Stars of the field that a pose puts on the picture, with where.
+pub fn project_stars(
+    field: &Field,
+    pose: &Pose,
+    geometry: &FrameGeometry,
+    rank_below: u8,
+    out: &mut Vec<(usize, f64, f64)>,
+) {
+    out.clear();
+    let radius = 1.02 * (geometry.half_diagonal * pose.platescale).atan();
+    let (half_w, half_h) = (0.5 * geometry.size.0 + geometry.tolerance, 0.5 * geometry.size.1 + geometry.tolerance);
+    field.stars.near(&pose.attitude.boresight(), radius, |i, star| {
+        if star.rank < rank_below
+            && let Some((left, up)) = pose.project(&star.direction, geometry.half_diagonal)
+            && left.abs() <= half_w
+            && up.abs() <= half_h
+        {
+            out.push((i, left, up));
+        }
+    });
+}
+
+/// One-to-one assignment of sources to projected stars within a tolerance that may differ by source: nearest pairs first.
+pub fn assign(
+    sources: &[PatternSource],
+    stars: &[(usize, f64, f64)],
+    tolerance: impl Fn(&PatternSource) -> f64,
+    matches: &mut Vec<Assigned>,
+) {
+    let mut close: Vec<(f64, usize, usize)> = Vec::new();
+    for (k, source) in sources.iter().enumerate() {
+        let limit = tolerance(source).powi(2);
+        for &(star, left, up) in stars {
+            let distance_sq = (left - source.left).powi(2) + (up - source.up).powi(2);
+            if distance_sq <= limit {
+                close.push((distance_sq, k, star));
+            }
+        }
+    }
+    close.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
+    matches.clear();
+    for (_, source, star) in close {
+        if matches.iter().all(|m| m.source != source && m.star != star) {
+            matches.push(Assigned { source, star });
+        }
+    }
+    matches.sort_by_key(|m| m.source);
+}
+
+/// The pairs to fit of some matches.
+pub fn pairs_of(sources: &[PatternSource], matches: &[Assigned], field: &Field, floor: f64) -> Vec<Pair> {
+    matches
+        .iter()
+        .filter_map(|m| Some((sources.get(m.source)?, field.stars.stars.get(m.star)?)))
+        .map(|(source, star)| Pair {
+            left: source.left,
+            up: source.up,
+            sigma: source.sigma.hypot(floor),
+            star: star.direction,
+        })
+        .collect()
+}
+
+/// Looks at a candidate in full: match, fit, match again, fit again, log odds. `None` where too few sources match.
+pub fn verify(
+    sources: &[PatternSource],
+    start: &Pose,
+    field: &Field,
+    geometry: &FrameGeometry,
+    min_matched: usize,
+) -> Option<Hypothesis> {
+    let mut pose = *start;
+    let mut stars = Vec::new();
+    let mut matches = Vec::new();
+    // The first round's tolerance allows for what a small triangle's errors become at the far corner. All σ are equal here: a wrong
+    // pair among right ones must not dominate by a small σ.
+    for tolerance in [geometry.tolerance, 0.6 * geometry.tolerance] {
+        project_stars(field, &pose, geometry, field.verification_rank, &mut stars);
+        assign(sources, &stars, |_| tolerance, &mut matches);
+        if matches.len() < min_matched.max(4) {
+            return None;
+        }
+        let mut pairs = pairs_of(sources, &matches, field, geometry.floor);
+        pairs.iter_mut().for_each(|p| p.sigma = p.sigma.hypot(0.5));
+        pose = fit(&pairs, &pose, geometry.half_diagonal, &geometry.prior)?.pose;
+    }
+    project_stars(field, &pose, geometry, field.verification_rank, &mut stars);
+    assign(sources, &stars, |_| 0.6 * geometry.tolerance, &mut matches);
+    if matches.len() < min_matched {
+        return None;
+    }
+    let log_odds = log_odds(sources, &matches, &pose, field, geometry);
+    Some(Hypothesis { pose, matches, log_odds, false_ln: f64::INFINITY })
+}
+
+/// ln of the likelihood ratio of an assignment.
+fn log_odds(
+    sources: &[PatternSource],
+    matches: &[Assigned],
+    pose: &Pose,
+    field: &Field,
+    geometry: &FrameGeometry,
+) -> f64 {
+    let area = geometry.size.0 * geometry.size.1;
+    let expected = 1.3 * sources.len() as f64 + 4.0;
+    let known: Vec<(&PatternSource, &crate::catalog::FieldStar)> = matches
+        .iter()
+        .filter_map(|m| Some((sources.get(m.source)?, field.stars.stars.get(m.star)?)))
+        .collect();
+    let mut zero_points: Vec<f64> = known.iter().map(|(source, star)| source.mag - f64::from(star.mag)).collect();
+    zero_points.sort_by(f64::total_cmp);
+    let zero_point = zero_points.get(zero_points.len() / 2).copied().unwrap_or(0.0);
+    let mut total = (sources.len() - known.len().min(sources.len())) as f64 * STRAY.ln();
+    for (source, star) in known {
+        let Some((left, up)) = pose.project(&star.direction, geometry.half_diagonal) else { continue };
+        let distance_sq = (left - source.left).powi(2) + (up - source.up).powi(2);
+        let density: f64 = EXTRA_SIGMAS
+            .iter()
+            .map(|extra| {
+                let variance = extra * extra + source.sigma * source.sigma;
+                (-0.5 * distance_sq / variance).exp() / (std::f64::consts::TAU * variance)
+            })
+            .sum::<f64>()
+            / EXTRA_SIGMAS.len() as f64;
+        let rank = field_rank(star.rank);
+        let this_star = if rank <= expected {
+            BRIGHT_SHARE / expected
+        } else {
+            (1.0 - BRIGHT_SHARE) * expected / (rank * rank)
+        };
+        let dm = source.mag - f64::from(star.mag) - zero_point;
+        let normal = (-0.5 * (dm / MAG_SIGMA).powi(2)).exp() / (MAG_SIGMA * std::f64::consts::TAU.sqrt());
+        let brightness = normal / MAG_CHANCE + MAG_UNKNOWN;
+        total += (STRAY + (1.0 - STRAY) * area * this_star * density * brightness).ln();
+    }
+    total
+}

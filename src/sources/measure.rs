@@ -1,0 +1,304 @@
+//! Measuring a peak: how far it stands above its surroundings, whether it has the shape of a star, and where its centre is.
+
+#![allow(clippy::indexing_slicing, reason = "a numeric kernel: a patch has a fixed size and its place is checked when it is cut")]
+
+use super::plane::{Plane, Sample};
+
+/// Half the side of a patch, and its side, samples: three boxes of five by three boxes of five.
+pub const HALF: usize = 7;
+const SIDE: usize = 2 * HALF + 1;
+/// Side of one of the nine boxes.
+const BOX: usize = 5;
+/// Half the side of the core that a point spread function is compared with.
+const CORE: usize = 3;
+const CORE_N: usize = (2 * CORE + 1) * (2 * CORE + 1);
+
+/// The surroundings of a peak.
+#[derive(Debug, Clone)]
+pub struct Patch {
+    samples: [[f32; SIDE]; SIDE],
+}
+
+impl Patch {
+    /// Cuts the patch around a sample; `None` where it would reach over the border.
+    pub fn cut<T: Sample>(plane: &Plane<T>, x: usize, y: usize) -> Option<Self> {
+        if x < HALF || y < HALF || x + HALF >= plane.width || y + HALF >= plane.height {
+            return None;
+        }
+        let mut samples = [[0f32; SIDE]; SIDE];
+        for (j, row) in samples.iter_mut().enumerate() {
+            for (out, sample) in row.iter_mut().zip(&plane.row(y + j - HALF)[x - HALF..=x + HALF]) {
+                *out = sample.value();
+            }
+        }
+        Some(Self { samples })
+    }
+
+    /// Puts back the true height of a star's core from the unclipped picture, and leaves out what is a lone hot sample.
+    ///
+    /// A star's four nearest neighbours stand above its four corners nearly half as much as it stands above them; a hot
+    /// sample's do not.
+    pub fn restore_core(&mut self, pixels: &[u16], width: usize, x: usize, y: usize) {
+        const STAR_STEEPNESS: f32 = 3.0;
+        for j in HALF - CORE..=HALF + CORE {
+            for i in HALF - CORE..=HALF + CORE {
+                let raw = f32::from(pixels[(y + j - HALF) * width + x + i - HALF]);
+                if raw > self.samples[j][i] {
+                    let s = &self.samples;
+                    let sides = 0.25 * (s[j - 1][i] + s[j + 1][i] + s[j][i - 1] + s[j][i + 1]);
+                    let corners = 0.25 * (s[j - 1][i - 1] + s[j - 1][i + 1] + s[j + 1][i - 1] + s[j + 1][i + 1]);
+                    if raw - sides < STAR_STEEPNESS * (sides - corners) {
+                        self.samples[j][i] = raw;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Mean of each of the eight boxes around the middle one, sorted, lowest first.
+    fn box_means(&self) -> [f32; 8] {
+        let mut means = [0f32; 8];
+        let mut n = 0;
+        for box_y in 0..3 {
+            for box_x in 0..3 {
+                if (box_x, box_y) == (1, 1) {
+                    continue;
+                }
+                let mut sum = 0f32;
+                for row in &self.samples[box_y * BOX..box_y * BOX + BOX] {
+                    sum += row[box_x * BOX..box_x * BOX + BOX].iter().sum::<f32>();
+                }
+                means[n] = sum / (BOX * BOX) as f32;
+                n += 1;
+            }
+        }
+        means.sort_unstable_by(f32::total_cmp);
+        means
+    }
+
+    /// The highest sample of the core.
+    pub fn highest(&self) -> f32 {
+        self.core().fold(f32::MIN, f32::max)
+    }
+
+    fn core(&self) -> impl Iterator<Item = f32> + '_ {
+        self.samples[HALF - CORE..=HALF + CORE].iter().flat_map(|row| row[HALF - CORE..=HALF + CORE].iter().copied())
+    }
+}
+
+/// An elliptical Gaussian: second moments along x and y and across, samples².
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shape {
+    /// ⟨x²⟩.
+    pub xx: f32,
+    /// ⟨y²⟩.
+    pub yy: f32,
+    /// ⟨xy⟩.
+    pub xy: f32,
+}
+
+impl Shape {
+    /// A round one of a given σ, samples.
+    pub fn round(sigma: f32) -> Self {
+        Self { xx: sigma * sigma, yy: sigma * sigma, xy: 0.0 }
+    }
+
+    /// σ along the long and the short axis, samples.
+    pub fn axes(&self) -> (f32, f32) {
+        let mean = 0.5 * (self.xx + self.yy);
+        let half = (0.25 * (self.xx - self.yy).powi(2) + self.xy * self.xy).sqrt();
+        ((mean + half).max(0.0).sqrt(), (mean - half).max(0.0).sqrt())
+    }
+
+    /// The inverse matrix (xx, yy, xy); a degenerate shape is widened first.
+    fn inverse(&self) -> (f32, f32, f32) {
+        let (xx, yy) = (self.xx.max(0.05), self.yy.max(0.05));
+        let limit = 0.95 * (xx * yy).sqrt();
+        let xy = self.xy.clamp(-limit, limit);
+        let det = xx * yy - xy * xy;
+        (yy / det, xx / det, -xy / det)
+    }
+
+    /// Value at an offset from the centre, 1 at the centre.
+    #[inline]
+    fn value(inverse: (f32, f32, f32), dx: f32, dy: f32) -> f32 {
+        (-0.5 * (inverse.0 * dx * dx + inverse.1 * dy * dy) - inverse.2 * dx * dy).exp()
+    }
+}
+
+/// The point spread function over a core, normalised to a sum of 1.
+#[derive(Debug, Clone)]
+pub struct CoreTemplate {
+    weights: [f32; CORE_N],
+    sum_sq: f32,
+}
+
+impl CoreTemplate {
+    /// The template of a shape.
+    pub fn new(shape: &Shape) -> Self {
+        let inverse = shape.inverse();
+        let mut weights = [0f32; CORE_N];
+        for (n, w) in weights.iter_mut().enumerate() {
+            let (i, j) = (n % (2 * CORE + 1), n / (2 * CORE + 1));
+            *w = Shape::value(inverse, i as f32 - CORE as f32, j as f32 - CORE as f32);
+        }
+        let total: f32 = weights.iter().sum();
+        weights.iter_mut().for_each(|w| *w /= total);
+        Self { weights, sum_sq: weights.iter().map(|w| w * w).sum() }
+    }
+}
+
+/// How a peak stands against its surroundings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Standing {
+    /// Surroundings, ADU: the mean of the middle four of the eight boxes around.
+    pub base: f32,
+    /// Matched-filter flux above the surroundings, ADU.
+    pub flux: f32,
+    /// Matched-filter signal over noise.
+    pub snr: f32,
+    /// The same against the mean of the two brightest boxes: what an edge or a cloud does not have (stars-paper, "Source Finding").
+    pub confidence: f32,
+    /// Power that the shape does not explain over the power that it does; stars have little.
+    pub unlike: f32,
+}
+
+impl Standing {
+    /// Measures a patch whose samples have the noise `sigma`, ADU.
+    pub fn measure(patch: &Patch, template: &CoreTemplate, sigma: f32) -> Self {
+        let means = patch.box_means();
+        let base = 0.25 * (means[2] + means[3] + means[4] + means[5]);
+        let brightest = 0.5 * (means[6] + means[7]);
+        let sigma = sigma.max(1e-3);
+        let (mut filtered, mut power) = (0f32, 0f32);
+        for (sample, weight) in patch.core().zip(&template.weights) {
+            let d = sample - base;
+            filtered += d * weight;
+            power += d * d;
+        }
+        let flux = filtered / template.sum_sq;
+        // A constant step of the base changes the filtered sum by as much, because the weights sum to 1.
+        let noise = sigma * template.sum_sq.sqrt();
+        let explained = filtered * filtered / template.sum_sq;
+        let unlike = (power - CORE_N as f32 * sigma * sigma - explained) / explained.max(1e-6);
+        Self { base, flux, snr: filtered / noise, confidence: (filtered - (brightest - base).max(0.0)) / noise, unlike }
+    }
+
+    /// Whether the shape is that of a star as far as the noise lets it be seen.
+    pub fn is_star_like(&self) -> bool {
+        // One σ of `unlike` for a star: √(2n)/snr² from the noise alone, 2/snr from noise times signal; two of them, and 0.5 for a
+        // point spread function that is not quite the template.
+        let snr = self.snr.max(1.0);
+        self.unlike < 0.5 + 2.0 * ((2.0 * CORE_N as f32).sqrt() / (snr * snr) + 2.0 / snr)
+    }
+}
+
+/// Second moments of a bright peak by iterated matching of a Gaussian weight (Bernstein and Jarvis 2002, AJ 123, 583, §3.1).
+///
+/// `None` where they do not settle on something that a star could be.
+pub fn moments(patch: &Patch, base: f32, start: Shape) -> Option<Shape> {
+    const STEPS: usize = 12;
+    const REACH: usize = 6;
+    let (mut cx, mut cy, mut shape) = (0f32, 0f32, start);
+    for _ in 0..STEPS {
+        let inverse = shape.inverse();
+        let (mut s, mut sx, mut sy, mut sxx, mut syy, mut sxy) = (0f32, 0f32, 0f32, 0f32, 0f32, 0f32);
+        for j in HALF - REACH..=HALF + REACH {
+            for i in HALF - REACH..=HALF + REACH {
+                let (dx, dy) = (i as f32 - HALF as f32 - cx, j as f32 - HALF as f32 - cy);
+                let w = Shape::value(inverse, dx, dy) * (patch.samples[j][i] - base);
+                s += w;
+                sx += w * dx;
+                sy += w * dy;
+                sxx += w * dx * dx;
+                syy += w * dy * dy;
+                sxy += w * dx * dy;
+            }
+        }
+        if s <= 0.0 {
+            return None;
+        }
+        cx += 2.0 * sx / s;
+        cy += 2.0 * sy / s;
+        // Moments about the weighted mean, and twice: a Gaussian under its own weight has half its width.
+        let (mx, my) = (sx / s, sy / s);
+        shape = Shape { xx: 2.0 * (sxx / s - mx * mx), yy: 2.0 * (syy / s - my * my), xy: 2.0 * (sxy / s - mx * my) };
+        let reasonable = shape.xx > 0.1 && shape.yy > 0.1 && shape.xx < 30.0 && shape.yy < 30.0;
+        if !reasonable || cx.abs() > 2.5 || cy.abs() > 2.5 {
+            return None;
+        }
+    }
+    Some(shape)
+}
+
+/// A fitted centre.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Centroid {
+    /// Offset from the patch's middle, samples.
+    pub x: f32,
+    /// Offset from the patch's middle, samples.
+    pub y: f32,
+    /// One σ, mean of the axes, samples.
+    pub sigma: f32,
+    /// Flux, ADU.
+    pub flux: f32,
+    /// Surroundings, ADU.
+    pub base: f32,
+}
+
+/// Least-squares fit of height, surroundings and centre of a star of known shape, weighted by the noise of sky and star.
+///
+/// With the right shape this reaches the Cramér-Rao bound (its σ is that of the normal equations). `sigma`: noise of the sky, ADU;
+/// `gain`: ADU/e⁻ of a sample, for the star's own photons. `None` where the fit leaves the peak.
+pub fn centroid(patch: &Patch, standing: &Standing, shape: &Shape, sigma: f32, gain: f32) -> Option<Centroid> {
+    const STEPS: usize = 6;
+    const SETTLED: f32 = 1e-3;
+    let reach = ((3.0 * shape.axes().0).ceil() as usize + 1).clamp(3, HALF);
+    let inverse = shape.inverse();
+    let peak_of_flux = {
+        let det = shape.xx * shape.yy - shape.xy * shape.xy;
+        1.0 / (std::f32::consts::TAU * det.max(1e-3).sqrt())
+    };
+    let (mut height, mut base) = (standing.flux * peak_of_flux, standing.base);
+    let (mut cx, mut cy) = (0f32, 0f32);
+    let mut sigma_xy = f32::NAN;
+    for _ in 0..STEPS {
+        // Normal equations of (height, base, x, y).
+        let mut n = [[0f64; 4]; 4];
+        let mut r = [0f64; 4];
+        for j in HALF - reach..=HALF + reach {
+            for i in HALF - reach..=HALF + reach {
+                let (dx, dy) = (i as f32 - HALF as f32 - cx, j as f32 - HALF as f32 - cy);
+                let p = Shape::value(inverse, dx, dy);
+                let model = height * p;
+                let weight = 1.0 / (sigma * sigma + gain * model.max(0.0));
+                let slope = [p, 1.0, model * (inverse.0 * dx + inverse.2 * dy), model * (inverse.1 * dy + inverse.2 * dx)];
+                let residual = patch.samples[j][i] - base - model;
+                for a in 0..4 {
+                    let wa = weight * slope[a];
+                    r[a] += f64::from(wa * residual);
+                    for b in a..4 {
+                        n[a][b] += f64::from(wa * slope[b]);
+                    }
+                }
+            }
+        }
+        let matrix = nalgebra::Matrix4::from_fn(|a, b| n[a.min(b)][a.max(b)]);
+        let inverse_matrix = matrix.cholesky()?.inverse();
+        let step = inverse_matrix * nalgebra::Vector4::from(r);
+        height += step[0] as f32;
+        base += step[1] as f32;
+        // No step further than a sample: far off, the linear step overshoots.
+        let (step_x, step_y) = ((step[2] as f32).clamp(-1.0, 1.0), (step[3] as f32).clamp(-1.0, 1.0));
+        cx += step_x;
+        cy += step_y;
+        sigma_xy = (0.5 * (inverse_matrix[(2, 2)] + inverse_matrix[(3, 3)])).sqrt() as f32;
+        if !(height > 0.0 && cx.abs() < 3.0 && cy.abs() < 3.0) {
+            return None;
+        }
+        if step_x.abs() < SETTLED && step_y.abs() < SETTLED {
+            break;
+        }
+    }
+    sigma_xy.is_finite().then(|| Centroid { x: cx, y: cy, sigma: sigma_xy, flux: height / peak_of_flux, base })
+}
