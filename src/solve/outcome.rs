@@ -3,6 +3,7 @@
 use crate::image::Stamp;
 use crate::sky::{Attitude, Horizontal, Mat3, Observer, Vec3};
 use serde::Serialize;
+use std::fmt;
 use std::time::Duration;
 
 /// How a frame ended. A closed list; the order is that of the wire codes, which begin at 1.
@@ -56,6 +57,20 @@ pub enum Cause {
     Mirrored,
     WrongPrior,
     LensCovered,
+}
+
+impl fmt::Display for Reason {
+    /// The name in JSON and logs, as in `too_few_sources`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
+    }
+}
+
+impl fmt::Display for Cause {
+    /// The name in JSON and logs, as in `out_of_focus`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
+    }
 }
 
 /// How hard sources were searched for.
@@ -247,5 +262,16 @@ impl Solution {
     /// One σ east, north and in roll, rad.
     pub fn sigmas(&self) -> Vec3 {
         self.covariance.diagonal().map(|variance| variance.max(0.0).sqrt())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reasons_and_causes_read_as_in_json() {
+        assert_eq!(Reason::TooFewSources.to_string(), "too_few_sources");
+        assert_eq!(Cause::OutOfFocus.to_string(), "out_of_focus");
     }
 }

@@ -1,0 +1,60 @@
+//! The settings options that all subcommands share, and the reading of settings files.
+
+use crate::settings::{Layers, Loaded, MAX_TEXT_BYTES};
+use anyhow::{Context, bail};
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// Where settings come from, in rising precedence.
+#[derive(Debug, Clone, Default, clap::Args)]
+#[command(next_help_heading = "Settings")]
+pub struct ConfigArgs {
+    /// Flight file with every setting [default: the one built into the program]
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Custom file of this camera: overrides the flight file
+    #[arg(long, value_name = "FILE")]
+    pub custom: Option<PathBuf>,
+    /// Override one setting for this call; may be given often
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+}
+
+impl ConfigArgs {
+    /// Reads the files and merges the layers.
+    ///
+    /// # Errors
+    /// A file that can't be read, or the first mistake in a layer, with its place and what was expected.
+    pub fn load(&self) -> anyhow::Result<Loaded> {
+        let mut layers = match &self.config {
+            Some(path) => Layers::flight(path.display().to_string(), read(path)?),
+            None => Layers::embedded(),
+        };
+        if let Some(path) = &self.custom {
+            layers = layers.custom(path.display().to_string(), read(path)?);
+        }
+        Ok(self.set.iter().fold(layers, |layers, assignment| layers.set(assignment)).load()?)
+    }
+}
+
+/// Reads a settings file: text of a bounded size, so that naming the wrong file costs nothing.
+fn read(path: &Path) -> anyhow::Result<String> {
+    let name = path.display();
+    let expected = "expected a settings file in TOML";
+    let file = File::open(path).with_context(|| format!("{name}: cannot be opened, {expected}"))?;
+    if file.metadata().with_context(|| format!("{name}: cannot be read, {expected}"))?.is_dir() {
+        bail!("{name}: is a directory, {expected}");
+    }
+    let mut bytes = Vec::new();
+    let limit = MAX_TEXT_BYTES as u64;
+    file.take(limit + 1).read_to_end(&mut bytes).with_context(|| format!("{name}: cannot be read, {expected}"))?;
+    if bytes.len() > MAX_TEXT_BYTES {
+        bail!("{name}: is longer than {limit} bytes, {expected}");
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let good = error.as_bytes().iter().take(error.utf8_error().valid_up_to());
+        let line = good.filter(|byte| **byte == b'\n').count() + 1;
+        anyhow::anyhow!("{name}:{line}: is not UTF-8 text, {expected}")
+    })
+}

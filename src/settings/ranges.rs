@@ -1,0 +1,262 @@
+//! What every setting may be: type, unit and range, in the order of the flight file.
+
+use super::span::parse_span;
+use toml::Value;
+
+/// What a value may be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Kind {
+    /// `true` or `false`.
+    Switch,
+    /// A whole number of a range, ends included.
+    Whole { min: i64, max: i64 },
+    /// A number of a range, ends included; never NaN or infinite.
+    Number { min: f64, max: f64 },
+    /// One of a few words.
+    Choice(&'static [&'static str]),
+    /// Printable ASCII of this length at most, not empty.
+    Name { max: usize },
+    /// A path, not empty.
+    Path,
+    /// A path, or empty.
+    OptionalPath,
+    /// An IP address with a port.
+    Listen,
+    /// IP addresses.
+    Peers { max: usize },
+    /// Words of 32 bits.
+    Words { max: usize },
+}
+
+/// One setting: its dotted key, its unit (empty for none) and what it may be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Rule {
+    pub(super) key: &'static str,
+    pub(super) unit: &'static str,
+    pub(super) kind: Kind,
+}
+
+/// The settings that differ between the cameras of a flight, because their hardware does: a flight's custom file must set
+/// them all. (The paper's eight: name, focus range, plate scale and mounted roll.)
+pub const PER_CAMERA: [&str; 8] = [
+    "camera.name",
+    "focus.search_min_counts",
+    "focus.search_max_counts",
+    "solver.matching.platescale_min_arcsec_px",
+    "solver.matching.platescale_max_arcsec_px",
+    "solver.requirements.horizontal_roll.enabled",
+    "solver.requirements.horizontal_roll.min_deg",
+    "solver.requirements.horizontal_roll.max_deg",
+];
+
+const U32_MAX: i64 = u32::MAX as i64;
+/// Longest path, bytes (Linux's own limit).
+const PATH_BYTES: usize = 4096;
+const CAMERAS: &[&str] = &["directory", "sky", "none"];
+const LENSES: &[&str] = &["serial", "simulated", "none"];
+const FRAMES: &[&str] =
+    &["night", "float", "gradient", "defocus", "defocus30", "motion", "multiexp", "hotpix", "sparse", "dense", "saturated"];
+
+const fn switch(key: &'static str) -> Rule {
+    Rule { key, unit: "", kind: Kind::Switch }
+}
+const fn whole(key: &'static str, unit: &'static str, min: i64, max: i64) -> Rule {
+    Rule { key, unit, kind: Kind::Whole { min, max } }
+}
+const fn number(key: &'static str, unit: &'static str, min: f64, max: f64) -> Rule {
+    Rule { key, unit, kind: Kind::Number { min, max } }
+}
+const fn word(key: &'static str, kind: Kind) -> Rule {
+    Rule { key, unit: "", kind }
+}
+
+/// Every setting there is. A test holds the flight file and the schema to it.
+pub(super) const RULES: &[Rule] = &[
+    word("camera.name", Kind::Name { max: 16 }),
+    word("camera.kind", Kind::Choice(CAMERAS)),
+    word("camera.directory", Kind::Path),
+    switch("camera.stack_parts"),
+    switch("camera.repeat"),
+    number("camera.startup_delay_s", "s", 0.0, 3600.0),
+    number("camera.period_s", "s", 0.01, 86_400.0),
+    whole("camera.width_px", "px", 64, 16_384),
+    whole("camera.height_px", "px", 64, 16_384),
+    switch("camera.mirrored"),
+    whole("camera.full_scale_adu", "ADU", 0, U32_MAX),
+    number("camera.ideal_gain_adu_per_e", "ADU per electron", 1e-6, 1000.0),
+    word("simulate.kind", Kind::Choice(FRAMES)),
+    whole("simulate.seed", "", 0, i64::MAX),
+    number("simulate.elevation_deg", "deg", -90.0, 90.0),
+    number("simulate.scan_rate_deg_s", "deg/s", 0.0, 10.0),
+    number("simulate.scan_amplitude_deg", "deg", 0.0, 180.0),
+    number("simulate.latitude_deg", "deg", -90.0, 90.0),
+    word("lens.kind", Kind::Choice(LENSES)),
+    word("lens.port", Kind::Path),
+    whole("focus.search_min_counts", "encoder counts", 0, 65_535),
+    whole("focus.search_max_counts", "encoder counts", 0, 65_535),
+    word("catalog.file", Kind::OptionalPath),
+    number("catalog.epoch_yr", "Julian year", 1950.0, 2100.0),
+    number("catalog.blend_px", "px", 0.0, 100.0),
+    number("catalog.index_stars_per_field", "stars", 5.0, 100.0),
+    number("catalog.verification_stars_per_field", "stars", 5.0, 1000.0),
+    number("catalog.longest_side_fraction", "fraction of the field's diagonal", 0.05, 1.0),
+    switch("solver.enabled"),
+    number("solver.timeout_s", "s", 0.001, 3600.0),
+    switch("solver.robust"),
+    number("solver.saturation_limit_fraction", "fraction of the frame", 0.0, 1.0),
+    switch("solver.prior_veto"),
+    number("solver.sources.snr_threshold", "σ of the local noise", 0.0, 100.0),
+    number("solver.sources.min_snr", "signal over noise", 0.0, 1000.0),
+    whole("solver.sources.max_sources", "sources", 3, 100),
+    whole("solver.sources.max_found", "sources", 3, 1000),
+    whole("solver.sources.cell_px", "px", 8, 16_384),
+    whole("solver.sources.max_per_cell", "sources", 1, 100),
+    whole("solver.sources.border_px", "px", 0, 1000),
+    word("solver.sources.bad_pixels_file", Kind::OptionalPath),
+    switch("solver.mask.enabled"),
+    whole("solver.mask.block_px", "px", 8, 16_384),
+    word("solver.mask.fields", Kind::Words { max: 4096 }),
+    switch("solver.matching.enabled"),
+    number("solver.matching.platescale_min_arcsec_px", "arcsec/px", 0.1, 1000.0),
+    number("solver.matching.platescale_max_arcsec_px", "arcsec/px", 0.1, 1000.0),
+    number("solver.matching.tolerance_px", "px", 0.1, 100.0),
+    whole("solver.matching.min_matched", "sources", 3, 100),
+    number("solver.matching.max_false_probability_log10", "log10", -100.0, -1.0),
+    whole("solver.matching.candidate_budget", "candidates", 1, 1_000_000_000),
+    number("solver.fit.distortion_sigma", "fraction at half the diagonal", 0.0, 0.1),
+    number("solver.fit.centroid_floor_px", "px", 0.0, 10.0),
+    switch("solver.fit.proper_motion"),
+    number("solver.requirements.pointing_error_max_arcsec", "arcsec", 0.001, 360_000.0),
+    number("solver.requirements.fit_error_max_px", "px", 0.001, 100_000.0),
+    switch("solver.requirements.horizontal_location.enabled"),
+    number("solver.requirements.horizontal_location.radius_deg", "deg", 0.001, 180.0),
+    number("solver.requirements.horizontal_location.az_deg", "deg", -360.0, 360.0),
+    number("solver.requirements.horizontal_location.el_deg", "deg", -90.0, 90.0),
+    switch("solver.requirements.horizontal_roll.enabled"),
+    number("solver.requirements.horizontal_roll.min_deg", "deg", -360.0, 360.0),
+    number("solver.requirements.horizontal_roll.max_deg", "deg", -360.0, 360.0),
+    switch("solver.requirements.elevation.enabled"),
+    number("solver.requirements.elevation.min_deg", "deg", -90.0, 90.0),
+    number("solver.requirements.elevation.max_deg", "deg", -90.0, 90.0),
+    switch("solver.requirements.equatorial_location.enabled"),
+    number("solver.requirements.equatorial_location.radius_deg", "deg", 0.001, 180.0),
+    number("solver.requirements.equatorial_location.ra_deg", "deg", -360.0, 360.0),
+    number("solver.requirements.equatorial_location.dec_deg", "deg", -90.0, 90.0),
+    switch("solver.requirements.equatorial_roll.enabled"),
+    number("solver.requirements.equatorial_roll.min_deg", "deg", -360.0, 360.0),
+    number("solver.requirements.equatorial_roll.max_deg", "deg", -360.0, 360.0),
+    switch("observer.from_flight_computer"),
+    number("observer.max_age_s", "s", 0.1, 86_400.0),
+    switch("observer.from_settings"),
+    number("observer.latitude_deg", "deg", -90.0, 90.0),
+    number("observer.sidereal_time_h", "h", 0.0, 24.0),
+    switch("observer.from_image"),
+    word("network.listen", Kind::Listen),
+    word("network.peers", Kind::Peers { max: 64 }),
+    number("network.update_period_s", "s", 0.05, 60.0),
+    number("network.silence_s", "s", 0.1, 3600.0),
+    whole("network.max_connections", "connections", 2, 64),
+    switch("record.enabled"),
+    word("record.directory", Kind::Path),
+    whole("record.queue_frames", "outcomes", 1, 4096),
+    number("service.restart_delay_s", "s", 0.001, 60.0),
+    number("service.restart_delay_max_s", "s", 0.001, 3600.0),
+];
+
+/// The rule of a key.
+pub(super) fn rule(key: &str) -> Option<&'static Rule> {
+    RULES.iter().find(|rule| rule.key == key)
+}
+
+/// The first setting of a section, where the key names one.
+pub(super) fn first_of_section(key: &str) -> Option<&'static str> {
+    RULES.iter().map(|rule| rule.key).find(|full| full.strip_prefix(key).is_some_and(|rest| rest.starts_with('.')))
+}
+
+impl Rule {
+    /// The allowed values, as in the brackets of the flight file.
+    pub(super) fn range(&self) -> String {
+        match self.kind {
+            Kind::Switch => "true, false".into(),
+            Kind::Whole { min, max } => format!("{min} to {max}"),
+            Kind::Number { min, max } => format!("{min} to {max}"),
+            Kind::Choice(words) => words.iter().map(|word| format!("\"{word}\"")).collect::<Vec<_>>().join(", "),
+            Kind::Name { max } => format!("1 to {max} printable ASCII characters"),
+            Kind::Path => "path".into(),
+            Kind::OptionalPath => "path or empty".into(),
+            Kind::Listen => "IP address:port".into(),
+            Kind::Peers { max } => format!("list of IP addresses, at most {max}"),
+            Kind::Words { max } => format!("list of words of 32 bits, at most {max}"),
+        }
+    }
+
+    /// The allowed values in words, with the unit, to follow "must be".
+    pub(super) fn expected(&self) -> String {
+        let range = self.range();
+        let unit = if self.unit.is_empty() { String::new() } else { format!(" ({})", self.unit) };
+        match self.kind {
+            Kind::Switch => "true or false".into(),
+            Kind::Whole { .. } => format!("a whole number from {range}{unit}"),
+            Kind::Number { .. } => format!("a number from {range}{unit}"),
+            Kind::Choice(_) => format!("one of {range}"),
+            Kind::Name { .. } => format!("text of {range}"),
+            Kind::Path => "text, a path of at most 4096 bytes".into(),
+            Kind::OptionalPath => "text, a path of at most 4096 bytes or \"\"".into(),
+            Kind::Listen => "text, an IP address and port such as \"10.0.0.2:2017\" or \"[::1]:2017\"".into(),
+            Kind::Peers { .. } => format!("a {range}, such as [\"10.0.0.3\"]"),
+            Kind::Words { .. } => format!("a {range}, such as [1, 0x1000]"),
+        }
+    }
+
+    /// The value if it is allowed, with whole numbers and spans of time made numbers where a number is wanted.
+    pub(super) fn accept(&self, value: Value) -> Option<Value> {
+        let value = match (self.kind, value) {
+            (Kind::Number { .. }, Value::Integer(n)) => Value::Float(n as f64),
+            (Kind::Number { .. }, Value::String(span)) if self.unit == "s" => Value::Float(parse_span(&span).ok()?.as_secs_f64()),
+            (_, value) => value,
+        };
+        self.allows(&value).then_some(value)
+    }
+
+    fn allows(&self, value: &Value) -> bool {
+        match (self.kind, value) {
+            (Kind::Switch, Value::Boolean(_)) => true,
+            (Kind::Whole { min, max }, Value::Integer(n)) => (min..=max).contains(n),
+            // A NaN is in no range.
+            (Kind::Number { min, max }, Value::Float(x)) => (min..=max).contains(x),
+            (Kind::Peers { max }, Value::Array(all)) => {
+                all.len() <= max && all.iter().all(|one| one.as_str().is_some_and(|ip| ip.parse::<core::net::IpAddr>().is_ok()))
+            }
+            (Kind::Words { max }, Value::Array(all)) => {
+                all.len() <= max && all.iter().all(|one| one.as_integer().is_some_and(|word| (0..=U32_MAX).contains(&word)))
+            }
+            (kind, Value::String(text)) => allows_text(kind, text),
+            _ => false,
+        }
+    }
+
+    /// A value as it stands on a command line: TOML, or bare words where text is wanted or nothing else fits.
+    pub(super) fn read_bare(&self, text: &str) -> Value {
+        match text.parse::<Value>() {
+            Ok(value @ Value::String(_)) => value,
+            Ok(value) if !self.wants_text() => value,
+            _ => Value::String(text.into()),
+        }
+    }
+
+    fn wants_text(&self) -> bool {
+        matches!(self.kind, Kind::Choice(_) | Kind::Name { .. } | Kind::Path | Kind::OptionalPath | Kind::Listen)
+    }
+}
+
+fn allows_text(kind: Kind, text: &str) -> bool {
+    let path = |empty: bool| (empty || !text.is_empty()) && text.len() <= PATH_BYTES && !text.chars().any(char::is_control);
+    match kind {
+        Kind::Choice(words) => words.contains(&text),
+        Kind::Name { max } => (1..=max).contains(&text.len()) && text.bytes().all(|c| c == b' ' || c.is_ascii_graphic()),
+        Kind::Path => path(false),
+        Kind::OptionalPath => path(true),
+        Kind::Listen => text.parse::<core::net::SocketAddr>().is_ok(),
+        _ => false,
+    }
+}

@@ -1,0 +1,89 @@
+//! What settings must be to each other.
+
+use super::error::{Layer, Origin, Problem, SettingsError};
+use super::layers::Setting;
+use super::schema::Settings;
+use toml::Value;
+
+/// Pairs of which the first must be below the second, or (true) may equal it.
+const ORDERED: &[(&str, &str, bool)] = &[
+    ("focus.search_min_counts", "focus.search_max_counts", false),
+    ("catalog.index_stars_per_field", "catalog.verification_stars_per_field", true),
+    ("solver.sources.max_sources", "solver.sources.max_found", true),
+    ("solver.matching.platescale_min_arcsec_px", "solver.matching.platescale_max_arcsec_px", false),
+    ("solver.matching.min_matched", "solver.sources.max_found", true),
+    ("solver.requirements.elevation.min_deg", "solver.requirements.elevation.max_deg", false),
+    ("network.update_period_s", "network.silence_s", false),
+    ("service.restart_delay_s", "service.restart_delay_max_s", true),
+];
+
+/// Refuses settings that contradict each other; the error stands where the last word was spoken.
+pub(super) fn check(settings: &Settings, all: &[Setting]) -> Result<(), SettingsError> {
+    for (low, high, may_equal) in ORDERED {
+        check_order(find(all, low), find(all, high), *may_equal)?;
+    }
+    check_border(settings, all)?;
+    check_mask(settings, all)
+}
+
+fn check_order(low: Option<&Setting>, high: Option<&Setting>, may_equal: bool) -> Result<(), SettingsError> {
+    let (Some(low), Some(high)) = (low, high) else { return Ok(()) };
+    let (below, above) = (as_number(&low.value), as_number(&high.value));
+    if below < above || (may_equal && below == above) {
+        return Ok(());
+    }
+    let (subject, must_be, other) = match (low.origin >= high.origin, may_equal) {
+        (true, false) => (low, "below", high),
+        (true, true) => (low, "at most", high),
+        (false, false) => (high, "above", low),
+        (false, true) => (high, "at least", low),
+    };
+    let (key, value, than, than_value) = (subject.key, &subject.value, other.key, &other.value);
+    contradiction(
+        subject.origin.clone(),
+        format!("'{key}' = {value} must be {must_be} '{than}' = {than_value} ({})", other.origin.label()),
+    )
+}
+
+fn check_border(settings: &Settings, all: &[Setting]) -> Result<(), SettingsError> {
+    let (width, height) = (settings.camera.width_px, settings.camera.height_px);
+    let border = settings.solver.sources.border_px;
+    if border.saturating_mul(2) < width.min(height) {
+        return Ok(());
+    }
+    let message = format!("'solver.sources.border_px' = {border} must leave something of a frame of {width} × {height} px");
+    contradiction(last_word(all, &["solver.sources.border_px", "camera.width_px", "camera.height_px"]), message)
+}
+
+/// A mask is for one frame and one block size; with others its bits would mean other places.
+fn check_mask(settings: &Settings, all: &[Setting]) -> Result<(), SettingsError> {
+    let mask = &settings.solver.mask;
+    let block = mask.block_px.max(1);
+    let (columns, rows) = (settings.camera.width_px / block, settings.camera.height_px / block);
+    let words = (u64::from(columns) * u64::from(rows)).div_ceil(32);
+    let given = mask.fields.len();
+    if given == 0 || given as u64 == words {
+        return Ok(());
+    }
+    let message =
+        format!("'solver.mask.fields' must have {words} words for {columns} × {rows} blocks of {block} px, or none, not {given}");
+    contradiction(last_word(all, &["solver.mask.fields", "solver.mask.block_px", "camera.width_px", "camera.height_px"]), message)
+}
+
+fn find<'a>(all: &'a [Setting], key: &str) -> Option<&'a Setting> {
+    all.iter().find(|setting| setting.key == key)
+}
+
+/// Where the highest of the layers speaks of one of these settings, which all exist.
+fn last_word(all: &[Setting], keys: &[&str]) -> Origin {
+    let origins = keys.iter().filter_map(|key| find(all, key)).map(|setting| &setting.origin);
+    origins.max().cloned().unwrap_or(Origin { layer: Layer::Flight, line: 0, file: "settings".into() })
+}
+
+fn contradiction(origin: Origin, message: String) -> Result<(), SettingsError> {
+    Err(SettingsError { origin, problem: Problem::Contradiction(message) })
+}
+
+fn as_number(value: &Value) -> f64 {
+    value.as_float().or_else(|| value.as_integer().map(|n| n as f64)).unwrap_or(f64::NAN)
+}
