@@ -105,11 +105,12 @@ mod tests {
     fn every_direction_within_the_radius_is_visited() {
         // A spiral over the sphere, denser than the cells.
         let n = 20_000;
-        let stars: Vec<Vec3> = (0..n)
-            .map(|i| direction(i as f64 * 2.399_963, ((i as f64 + 0.5) / n as f64 * 2.0 - 1.0).asin()))
-            .collect();
+        let stars: Vec<Vec3> =
+            (0..n).map(|i| direction(i as f64 * 2.399_963, ((i as f64 + 0.5) / n as f64 * 2.0 - 1.0).asin())).collect();
         let (grid, order) = SkyGrid::build(&stars, 1.3 * DEG);
-        for (ra, dec, radius) in [(0.0, 0.0, 3.0), (359.9, 45.0, 2.0), (10.0, 89.5, 2.5), (200.0, -90.0, 1.0), (180.0, -60.0, 20.0)] {
+        for (ra, dec, radius) in
+            [(0.0, 0.0, 3.0), (359.9, 45.0, 2.0), (10.0, 89.5, 2.5), (200.0, -90.0, 1.0), (180.0, -60.0, 20.0)]
+        {
             let centre = direction(ra * DEG, dec * DEG);
             let mut found = Vec::new();
             grid.ranges_near(&centre, radius * DEG, |range| found.extend_from_slice(&order[range]));

@@ -31,13 +31,6 @@ impl Field {
         let triangles = TriangleIndex::build(&stars, &settings.catalog, &geometry);
         let verification_rank = rank_limit(settings.catalog.verification_stars_per_field);
         let bitmap = SkyBitmap::build(&stars, verification_rank, matching.tolerance_px * geometry.platescale);
-        Self {
-            geometry,
-            platescale_range: (range.0 * ARCSEC, range.1 * ARCSEC),
-            stars,
-            triangles,
-            bitmap,
-            verification_rank,
-        }
+        Self { geometry, platescale_range: (range.0 * ARCSEC, range.1 * ARCSEC), stars, triangles, bitmap, verification_rank }
     }
 }

@@ -77,8 +77,7 @@ impl TriangleIndex {
         let limit = rank_limit(settings.index_stars_per_field);
         let directions: Vec<Vec3> = field.stars.iter().filter(|s| s.rank < limit).map(|s| s.direction).collect();
         let chord = |angle: f64| 2.0 * (0.5 * angle).sin();
-        let sides =
-            (chord(SHORTEST_SIDE * geometry.diagonal), chord(settings.longest_side_fraction * geometry.diagonal));
+        let sides = (chord(SHORTEST_SIDE * geometry.diagonal), chord(settings.longest_side_fraction * geometry.diagonal));
         let (neighbours, first_neighbour) = find_neighbours(&directions, sides.1);
         let log_bins = ((sides.1 / sides.0).ln() * LOG_BINS) as usize + 1;
         let mut index = Self {

@@ -5,8 +5,12 @@
 //! negative, and [`WRONG`] with one line on stderr where the call or a file is wrong: for that it returns the error.
 
 mod config;
+mod font;
+mod overlay;
 mod render;
 mod settings;
+mod solve;
+mod text;
 
 pub use config::ConfigArgs;
 
@@ -27,6 +31,7 @@ struct Cli {
 enum Command {
     Render(render::Args),
     Settings(settings::Args),
+    Solve(solve::Args),
 }
 
 impl Command {
@@ -34,6 +39,7 @@ impl Command {
         match self {
             Self::Render(args) => args.run(),
             Self::Settings(args) => args.run(),
+            Self::Solve(args) => args.run(),
         }
     }
 }

@@ -28,7 +28,8 @@ const LINE: usize = font::HEIGHT + 5;
 
 /// Draws the frame, auto-levelled, with its up direction on top, and what the outcome says of it.
 pub fn draw(frame: &Frame, outcome: &Outcome, catalogue: &Catalogue, mirrored: bool) -> RgbImage {
-    let camera = CameraModel { width: frame.width, height: frame.height, platescale: ARCSEC, k1: 0.0, rows: frame.rows, mirrored };
+    let camera =
+        CameraModel { width: frame.width, height: frame.height, platescale: ARCSEC, k1: 0.0, rows: frame.rows, mirrored };
     let size = 1 + frame.width / COLUMNS_PER_SIZE;
     let mut caption = caption(outcome);
     let columns = (frame.width / size / font::ADVANCE).saturating_sub(2).max(1);
@@ -70,7 +71,11 @@ fn caption(outcome: &Outcome) -> Vec<String> {
     let found = outcome.sources.len();
     let Some(solution) = &outcome.solution else {
         let reason = super::text::reason(outcome);
-        return vec![format!("NOT SOLVED: {reason}"), outcome.detail.clone(), format!("{found} sources  {}", outcome.stamp.origin)];
+        return vec![
+            format!("NOT SOLVED: {reason}"),
+            outcome.detail.clone(),
+            format!("{found} sources  {}", outcome.stamp.origin),
+        ];
     };
     let (ra, dec, roll) = solution.attitude.angles();
     let sigmas = solution.sigmas() / ARCSEC;
@@ -84,7 +89,12 @@ fn caption(outcome: &Outcome) -> Vec<String> {
             sigmas.z,
             solution.platescale / ARCSEC
         ),
-        format!("{} of {found} sources matched   rms {:.2} px   {}", solution.matches.len(), solution.rms_px, outcome.stamp.origin),
+        format!(
+            "{} of {found} sources matched   rms {:.2} px   {}",
+            solution.matches.len(),
+            solution.rms_px,
+            outcome.stamp.origin
+        ),
     ]
 }
 
@@ -99,7 +109,8 @@ fn levelled(frame: &Frame, outcome: &Outcome, below: usize) -> RgbImage {
     let span = f64::from(high.saturating_sub(low).max(1));
     let (width, height) = (frame.width as u32, (frame.height + below) as u32);
     RgbImage::from_fn(width, height, |x, row| {
-        let y = if frame.rows == RowOrder::BottomFirst { (frame.height - 1).checked_sub(row as usize) } else { Some(row as usize) };
+        let y =
+            if frame.rows == RowOrder::BottomFirst { (frame.height - 1).checked_sub(row as usize) } else { Some(row as usize) };
         let pixel = y.filter(|y| *y < frame.height).and_then(|y| frame.pixels.get(y * frame.width + x as usize));
         pixel.map_or(BACKGROUND, |adu| {
             let grey = (255.0 * f64::from(adu.saturating_sub(low)) / span).min(255.0) as u8;
@@ -230,7 +241,10 @@ mod tests {
 
     fn catalogue() -> Catalogue {
         let star = Star { ra: 1.0, dec: 0.5, pm_ra: 0.0, pm_dec: 0.0, mag: 1.0, hip: 0 };
-        Catalogue { header: CatalogueHeader { format: 1, epoch_yr: 2016.0, count: 1, checksum: 0 }, stars: vec![star] }
+        Catalogue {
+            header: CatalogueHeader { format: 1, epoch_yr: 2016.0, count: 1, checksum: 0, origin: String::new() },
+            stars: vec![star],
+        }
     }
 
     fn count(picture: &RgbImage, colour: Rgb<u8>) -> usize {

@@ -2,9 +2,9 @@
 //!
 //! Uses `sky` (times, observer) and `settings`. No disk: readers and writers take `Read` and `Write`.
 
+mod bad_pixels;
 mod fits;
 mod frame;
-mod bad_pixels;
 mod level;
 mod mask;
 mod name;
@@ -12,10 +12,10 @@ mod raster;
 mod read;
 mod statistics;
 
-pub use frame::{Frame, ImageCounter, Stamp, TriggerCounter};
-pub use name::{series_stem, time_in_name};
 pub use bad_pixels::{BadPixels, BadPixelsError};
+pub use frame::{Frame, ImageCounter, Stamp, TriggerCounter};
 pub use level::{Level, auto_level, to_grey8};
 pub use mask::{Mask, MaskError};
+pub use name::{series_stem, time_in_name};
 pub use read::{Problem, ReadError, read};
 pub use statistics::{CELL_PX, CellStatistics};

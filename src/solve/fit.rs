@@ -88,9 +88,15 @@ impl Fit {
         let north = [-cos, -sin, 0.0];
         let slope = dec.tan();
         let jacobian = Mat3::new(
-            east[0], east[1], 0.0, //
-            north[0], north[1], 0.0, //
-            slope * east[0], slope * east[1], -1.0,
+            east[0],
+            east[1],
+            0.0, //
+            north[0],
+            north[1],
+            0.0, //
+            slope * east[0],
+            slope * east[1],
+            -1.0,
         );
         let rotation: Mat3 = self.covariance.fixed_view::<3, 3>(0, 0).into();
         let inflation = self.chi2_per_dof().max(1.0);
@@ -130,12 +136,7 @@ pub fn fit(pairs: &[Pair], start: &Pose, half_diagonal_px: f64, prior: &FitPrior
 }
 
 /// Normal matrix and gradient of the weighted problem with its priors, and χ² of the pairs alone.
-fn normal_equations(
-    pairs: &[Pair],
-    pose: &Pose,
-    half_diagonal_px: f64,
-    prior: &FitPrior,
-) -> Option<(Matrix, Vector, f64)> {
+fn normal_equations(pairs: &[Pair], pose: &Pose, half_diagonal_px: f64, prior: &FitPrior) -> Option<(Matrix, Vector, f64)> {
     let s = pose.platescale;
     let k_over_r2 = pose.k1 / (half_diagonal_px * half_diagonal_px);
     let mut normal = Matrix::zeros();
@@ -196,11 +197,7 @@ mod tests {
     }
 
     fn start_near(truth: &Pose) -> Pose {
-        Pose {
-            attitude: truth.attitude.turned(&Vec3::new(5e-5, -4e-5, 2e-3)),
-            platescale: truth.platescale * 1.01,
-            k1: 0.0,
-        }
+        Pose { attitude: truth.attitude.turned(&Vec3::new(5e-5, -4e-5, 2e-3)), platescale: truth.platescale * 1.01, k1: 0.0 }
     }
 
     #[test]

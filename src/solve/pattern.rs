@@ -138,12 +138,7 @@ pub struct PatternSearch<'a> {
 
 impl<'a> PatternSearch<'a> {
     /// A search for where `sources`, brightest first, lie on the sky.
-    pub fn new(
-        field: &'a Field,
-        sources: &'a [PatternSource],
-        geometry: &'a FrameGeometry,
-        rules: &'a SearchRules<'a>,
-    ) -> Self {
+    pub fn new(field: &'a Field, sources: &'a [PatternSource], geometry: &'a FrameGeometry, rules: &'a SearchRules<'a>) -> Self {
         let fraction = rules.region.as_ref().map_or(1.0, |r| r.0);
         Self {
             field,
@@ -184,8 +179,7 @@ impl<'a> PatternSearch<'a> {
         let [p, q, r] = corners;
         let mut looked_up = false;
         for [a, b, c] in [[p, q, r], [q, p, r], [p, r, q], [r, p, q], [q, r, p], [r, q, p]] {
-            let (x, y, length) =
-                shape(&self.sources[a].direction, &self.sources[b].direction, &self.sources[c].direction);
+            let (x, y, length) = shape(&self.sources[a].direction, &self.sources[b].direction, &self.sources[c].direction);
             let slack = SHAPE_TOLERANCE_PX * self.field.geometry.platescale / length;
             let longest = x * x + y * y <= (1.0 + slack).powi(2) && (1.0 - x).powi(2) + y * y <= (1.0 + slack).powi(2);
             if !longest || x > 0.5 + slack {

@@ -57,10 +57,8 @@ fn tolerance(source: &PatternSource, geometry: &FrameGeometry, scatter: f64) -> 
 
 /// The faintest star worth looking at: the faintest source's brightness by the zero point of the first matches, and a margin.
 fn faintest_star(sources: &[PatternSource], first: &[Assigned], field: &Field) -> f64 {
-    let mut zero_points: Vec<f64> = first
-        .iter()
-        .filter_map(|m| Some(sources.get(m.source)?.mag - f64::from(field.stars.stars.get(m.star)?.mag)))
-        .collect();
+    let mut zero_points: Vec<f64> =
+        first.iter().filter_map(|m| Some(sources.get(m.source)?.mag - f64::from(field.stars.stars.get(m.star)?.mag))).collect();
     zero_points.sort_by(f64::total_cmp);
     let zero_point = zero_points.get(zero_points.len() / 2).copied().unwrap_or(0.0);
     let faintest = sources.iter().map(|s| s.mag).fold(f64::MIN, f64::max);

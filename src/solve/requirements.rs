@@ -44,11 +44,7 @@ pub fn expected_circles(
     let equatorial = &limits.equatorial_location;
     if equatorial.enabled {
         let (ra, dec) = prior.equatorial.unwrap_or((equatorial.ra_deg * DEG, equatorial.dec_deg * DEG));
-        circles.push(Circle {
-            name: "equatorial_location",
-            centre: direction(ra, dec),
-            radius: equatorial.radius_deg * DEG,
-        });
+        circles.push(Circle { name: "equatorial_location", centre: direction(ra, dec), radius: equatorial.radius_deg * DEG });
     }
     let horizontal = &limits.horizontal_location;
     if let (true, Some(observer)) = (horizontal.enabled, observer) {
@@ -80,20 +76,13 @@ pub fn check(solution: &Solution, settings: &Settings) -> Result<(), Refusal> {
     let pointing_error = 0.5 * (sigmas.x + sigmas.y);
     // Written so that a NaN is refused.
     if !(pointing_error <= limits.pointing_error_max_arcsec) {
-        return Err(Refusal(format!(
-            "pointing_error: {pointing_error:.2}″ is above {}″",
-            limits.pointing_error_max_arcsec
-        )));
+        return Err(Refusal(format!("pointing_error: {pointing_error:.2}″ is above {}″", limits.pointing_error_max_arcsec)));
     }
     if !(solution.rms_px <= limits.fit_error_max_px) {
         return Err(Refusal(format!("fit_error: {:.3} px is above {} px", solution.rms_px, limits.fit_error_max_px)));
     }
     if solution.matches.len() < matching.min_matched as usize {
-        return Err(Refusal(format!(
-            "min_matched: {} matched, {} are required",
-            solution.matches.len(),
-            matching.min_matched
-        )));
+        return Err(Refusal(format!("min_matched: {} matched, {} are required", solution.matches.len(), matching.min_matched)));
     }
     Ok(())
 }

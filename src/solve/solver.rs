@@ -5,9 +5,7 @@ use super::pattern::{PatternSearch, SearchEnd, SearchRules, SearchTally};
 use super::refine::{refine, solution_of};
 use super::requirements::{self, Circle};
 use super::verify::{FrameGeometry, Hypothesis, PatternSource};
-use super::{
-    Cause, HorizontalSolution, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, Statistics, Stop, Watch,
-};
+use super::{Cause, HorizontalSolution, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, Statistics, Stop, Watch};
 use crate::catalog::{Catalogue, Field};
 use crate::image::{CellStatistics, Frame, Mask, auto_level};
 use crate::settings::Settings;
@@ -63,14 +61,7 @@ struct Context<'a> {
 impl Solver {
     /// A solver for the given settings; the index is built with the first frame, or by [`Self::prepare`].
     pub fn new(catalogue: Arc<Catalogue>, settings: Arc<Settings>) -> Self {
-        Self {
-            catalogue,
-            settings,
-            field: None,
-            cells: CellStatistics::default(),
-            finder: Finder::default(),
-            found: Vec::new(),
-        }
+        Self { catalogue, settings, field: None, cells: CellStatistics::default(), finder: Finder::default(), found: Vec::new() }
     }
 
     /// Builds the index for frames of a size, px, unless it is there (well under 2 s).
@@ -244,8 +235,7 @@ impl Solver {
             if outcome.reason == Reason::NoMatch && outcome.sources.len() < LEAST_SOURCES {
                 outcome.reason = Reason::TooFewSources;
                 outcome.cause = Some(Cause::TooFewStars);
-                outcome.detail =
-                    format!("{} sources found, a pattern needs {LEAST_SOURCES}", outcome.sources.len());
+                outcome.detail = format!("{} sources found, a pattern needs {LEAST_SOURCES}", outcome.sources.len());
             }
             return false;
         }
@@ -295,18 +285,14 @@ impl Solver {
         };
         let year = frame.stamp.captured.map(|(utc, _)| utc.julian_year());
         let observer = self.observer(frame, prior);
-        let circles =
-            requirements::expected_circles(&settings.solver.requirements, prior, observer.as_ref(), year);
+        let circles = requirements::expected_circles(&settings.solver.requirements, prior, observer.as_ref(), year);
         Context { frame, watch, field, geometry, camera, observer, year, circles }
     }
 
     /// The observer by the settings' order of preference.
     fn observer(&self, frame: &Frame, prior: &Prior) -> Option<Observer> {
         let settings = &self.settings.observer;
-        let fixed = Observer {
-            latitude: settings.latitude_deg * DEG,
-            sidereal_time: settings.sidereal_time_h * HOUR,
-        };
+        let fixed = Observer { latitude: settings.latitude_deg * DEG, sidereal_time: settings.sidereal_time_h * HOUR };
         prior
             .observer
             .filter(|_| settings.from_flight_computer)

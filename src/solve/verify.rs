@@ -91,13 +91,7 @@ pub fn ln_hypotheses(sources: usize, geometry: &FrameGeometry, field: &Field, sk
 }
 
 /// Stars of the field that a pose puts on the picture, with where.
-pub fn project_stars(
-    field: &Field,
-    pose: &Pose,
-    geometry: &FrameGeometry,
-    rank_below: u8,
-    out: &mut Vec<(usize, f64, f64)>,
-) {
+pub fn project_stars(field: &Field, pose: &Pose, geometry: &FrameGeometry, rank_below: u8, out: &mut Vec<(usize, f64, f64)>) {
     out.clear();
     let radius = 1.02 * (geometry.half_diagonal * pose.platescale).atan();
     let (half_w, half_h) = (0.5 * geometry.size.0 + geometry.tolerance, 0.5 * geometry.size.1 + geometry.tolerance);
@@ -144,12 +138,7 @@ pub fn pairs_of(sources: &[PatternSource], matches: &[Assigned], field: &Field, 
     matches
         .iter()
         .filter_map(|m| Some((sources.get(m.source)?, field.stars.stars.get(m.star)?)))
-        .map(|(source, star)| Pair {
-            left: source.left,
-            up: source.up,
-            sigma: source.sigma.hypot(floor),
-            star: star.direction,
-        })
+        .map(|(source, star)| Pair { left: source.left, up: source.up, sigma: source.sigma.hypot(floor), star: star.direction })
         .collect()
 }
 
@@ -186,19 +175,11 @@ pub fn verify(
 }
 
 /// ln of the likelihood ratio of an assignment.
-fn log_odds(
-    sources: &[PatternSource],
-    matches: &[Assigned],
-    pose: &Pose,
-    field: &Field,
-    geometry: &FrameGeometry,
-) -> f64 {
+fn log_odds(sources: &[PatternSource], matches: &[Assigned], pose: &Pose, field: &Field, geometry: &FrameGeometry) -> f64 {
     let area = geometry.size.0 * geometry.size.1;
     let expected = 1.3 * sources.len() as f64 + 4.0;
-    let known: Vec<(&PatternSource, &crate::catalog::FieldStar)> = matches
-        .iter()
-        .filter_map(|m| Some((sources.get(m.source)?, field.stars.stars.get(m.star)?)))
-        .collect();
+    let known: Vec<(&PatternSource, &crate::catalog::FieldStar)> =
+        matches.iter().filter_map(|m| Some((sources.get(m.source)?, field.stars.stars.get(m.star)?))).collect();
     let mut zero_points: Vec<f64> = known.iter().map(|(source, star)| source.mag - f64::from(star.mag)).collect();
     zero_points.sort_by(f64::total_cmp);
     let zero_point = zero_points.get(zero_points.len() / 2).copied().unwrap_or(0.0);
@@ -215,11 +196,7 @@ fn log_odds(
             .sum::<f64>()
             / EXTRA_SIGMAS.len() as f64;
         let rank = field_rank(star.rank);
-        let this_star = if rank <= expected {
-            BRIGHT_SHARE / expected
-        } else {
-            (1.0 - BRIGHT_SHARE) * expected / (rank * rank)
-        };
+        let this_star = if rank <= expected { BRIGHT_SHARE / expected } else { (1.0 - BRIGHT_SHARE) * expected / (rank * rank) };
         let dm = source.mag - f64::from(star.mag) - zero_point;
         let normal = (-0.5 * (dm / MAG_SIGMA).powi(2)).exp() / (MAG_SIGMA * std::f64::consts::TAU.sqrt());
         let brightness = normal / MAG_CHANCE + MAG_UNKNOWN;

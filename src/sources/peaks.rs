@@ -141,7 +141,8 @@ impl PeakFinder {
     /// Keeps the peaks of one row, given the excess of the row and of its neighbours.
     fn scan_row(&mut self, y: usize, width: usize, columns: usize, rules: &PeakRules<'_>) {
         let here = &self.excess[y % 3];
-        let thresholds = &rules.thresholds[(y / CELL_PX).min(rules.thresholds.len() / rules.threshold_columns - 1) * rules.threshold_columns..];
+        let thresholds = &rules.thresholds
+            [(y / CELL_PX).min(rules.thresholds.len() / rules.threshold_columns - 1) * rules.threshold_columns..];
         for block in 0..width.div_ceil(CELL_PX) {
             let threshold = thresholds[block.min(rules.threshold_columns - 1)];
             let (first, last) = (block * CELL_PX, ((block + 1) * CELL_PX).min(width));

@@ -78,10 +78,7 @@ pub fn halve<T: Sample>(from: &Plane<T>, out: &mut Plane<f32>) {
     for y in 0..out.height {
         let top = from.row(2 * y).chunks_exact(2);
         let bottom = from.row(2 * y + 1).chunks_exact(2);
-        out.pixels.extend(
-            top.zip(bottom)
-                .map(|(t, b)| 0.25 * ((t[0].value() + t[1].value()) + (b[0].value() + b[1].value()))),
-        );
+        out.pixels.extend(top.zip(bottom).map(|(t, b)| 0.25 * ((t[0].value() + t[1].value()) + (b[0].value() + b[1].value()))));
     }
 }
 
