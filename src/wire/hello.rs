@@ -101,7 +101,7 @@ mod tests {
     fn no_common_version_is_refused_and_says_what_is_spoken() {
         for (low, high) in [(1, 1), (5, 6)] {
             let refuse = hello(Role::Camera, 2, 4).agree(&hello(Role::FlightComputer, low, high)).unwrap_err();
-            assert_eq!(refuse.reason.get(), Some(Refusal::NoCommonVersion));
+            assert_eq!(refuse.refusal.get(), Some(Refusal::NoCommonVersion));
             assert_eq!((refuse.version_min, refuse.version_current), (PROTOCOL_MIN, PROTOCOL_CURRENT));
             assert_eq!(refuse.detail.to_string(), format!("you speak {low} to {high}"));
         }
@@ -110,8 +110,8 @@ mod tests {
     #[test]
     fn strangers_and_other_cameras_are_refused() {
         let ours = hello(Role::Camera, 1, 1);
-        assert_eq!(ours.agree(&ours).unwrap_err().reason.get(), Some(Refusal::WrongRole));
+        assert_eq!(ours.agree(&ours).unwrap_err().refusal.get(), Some(Refusal::WrongRole));
         let stranger = Hello { magic: Text::new("GET / HT"), ..hello(Role::FlightComputer, 1, 1) };
-        assert_eq!(ours.agree(&stranger).unwrap_err().reason.get(), Some(Refusal::NotAHello));
+        assert_eq!(ours.agree(&stranger).unwrap_err().refusal.get(), Some(Refusal::NotAHello));
     }
 }

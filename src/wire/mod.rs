@@ -13,6 +13,7 @@ mod element;
 mod frame;
 mod gyro;
 mod hello;
+mod image_part;
 mod json;
 mod layout;
 mod message;

@@ -44,7 +44,7 @@ body! {
     /// Last message before the sender closes the connection, where there is time for one.
     pub struct Refuse {
         /// Why.
-        reason: Coded<Refusal> => "";
+        refusal: Coded<Refusal> => "";
         /// Lowest version of the protocol that the sender speaks.
         version_min: u8 => "" [1.0, 255.0];
         /// Highest version of the protocol that the sender speaks.
@@ -56,7 +56,7 @@ body! {
 
 impl Refuse {
     /// A refusal with the versions that this program speaks.
-    pub fn new(reason: Refusal, detail: &str) -> Self {
-        Self { reason: reason.into(), version_min: PROTOCOL_MIN, version_current: PROTOCOL_CURRENT, detail: Text::new(detail) }
+    pub fn new(refusal: Refusal, detail: &str) -> Self {
+        Self { refusal: refusal.into(), version_min: PROTOCOL_MIN, version_current: PROTOCOL_CURRENT, detail: Text::new(detail) }
     }
 }

@@ -4,9 +4,8 @@ use super::code::codes;
 use super::element::body;
 use super::status::ObserverPart;
 use super::{Coded, I32Le, List, Maybe, Text, U16Le, U32Le};
-use crate::image::Stamp;
 use crate::sky::{ClockQuality, Utc};
-use crate::solve::{Cause, Correction, Outcome, PointingReport, Reason, Report, SearchMode, SourceEntry, StatisticsReport};
+use crate::solve::{Cause, Reason, SearchMode};
 
 /// Why a command was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
@@ -352,134 +351,5 @@ impl Clock {
     /// What a clock says, and how far that can be believed.
     pub fn new(now: Option<Utc>, quality: ClockQuality) -> Self {
         Self { clock_unix_s: now.map(|utc| utc.unix_s()).into(), clock_quality: quality.into() }
-    }
-}
-
-impl Image {
-    /// An outcome in the units of the wire. `report`: the same outcome's; `ideal_gain`: ADU/e⁻ at 0 dB.
-    /// The age is left unknown: who sends it knows it.
-    pub fn new(outcome: &Outcome, report: &Report, ideal_gain: f64) -> Self {
-        let stamp: &Stamp = &outcome.stamp;
-        let found: Vec<Source> = report.sources.iter().take(20).map(Source::new).collect();
-        let peaks = report.sources.iter().filter_map(|source| source.peak);
-        let solved = report.solved;
-        Self {
-            image_counter: stamp.image.0.into(),
-            image_trigger_counter: stamp.trigger.map(|counter| counter.0).into(),
-            exposures: stamp.exposures.max(1),
-            exposure_s: stamp.exposure_s.into(),
-            captured_unix_s: stamp.captured.map(|(utc, _)| utc.unix_s()).into(),
-            captured_quality: stamp.captured.map(|(_, quality)| quality).into(),
-            image_age_s: Maybe::unknown(),
-            reason: outcome.reason.into(),
-            cause: outcome.cause.into(),
-            detail: Text::new(&outcome.detail),
-            mode: outcome.mode.into(),
-            statistics: FrameStatistics::new(&report.stats, ideal_gain).into(),
-            focus_metric_adu: peaks.max_by(f64::total_cmp).into(),
-            sources_found: saturate(report.sources_found).into(),
-            sources_tried: saturate(report.sources_tried).into(),
-            sources_matched: saturate(report.matched).into(),
-            candidates_tried: u32::try_from(report.candidates_tried).unwrap_or(u32::MAX).into(),
-            solve_time_ms: Some(report.time_ms.total).into(),
-            equatorial: solved.then(|| Equatorial::new(&report.pointing)).flatten().into(),
-            horizontal: solved.then(|| HorizontalPart::new(&report.pointing)).flatten().into(),
-            prior_disagreement_deg: report.prior_disagreement_deg.into(),
-            corrections: Corrections::new(&report.corrections),
-            sources_count: u8::try_from(found.len()).unwrap_or(20),
-            sources: List::from_slice(&found),
-        }
-    }
-}
-
-fn saturate(count: usize) -> u16 {
-    u16::try_from(count).unwrap_or(u16::MAX)
-}
-
-impl FrameStatistics {
-    fn new(stats: &StatisticsReport, ideal_gain: f64) -> Option<Self> {
-        Some(Self {
-            mean_adu: stats.mean?,
-            noise_adu: stats.noise?,
-            measured_gain_adu_per_e: stats.gain.into(),
-            measured_gain_db: stats.gain.map(|gain| 20.0 * (gain / ideal_gain).log10()).into(),
-            saturated_px: u32::try_from(stats.saturated_px?).unwrap_or(u32::MAX).into(),
-            saturated_fraction: stats.saturated_fraction?,
-            fwhm_px: stats.fwhm_px.into(),
-        })
-    }
-}
-
-impl Equatorial {
-    /// `None` where one of the numbers that make a pointing is not known.
-    fn new(pointing: &PointingReport) -> Option<Self> {
-        let (east, north) = (pointing.sigma_east_arcsec?, pointing.sigma_north_arcsec?);
-        Some(Self {
-            ra_deg: pointing.ra_deg?,
-            dec_deg: pointing.dec_deg?,
-            roll_deg: pointing.roll_deg?,
-            sigma_east_arcsec: east,
-            sigma_north_arcsec: north,
-            sigma_roll_arcsec: pointing.sigma_roll_arcsec?,
-            sigma_pointing_arcsec: (east + north) / 2.0,
-            covariance_arcsec2: pointing.covariance_arcsec2?.map(List::from).into(),
-            platescale_arcsec_px: pointing.platescale_arcsec_px?,
-            sigma_platescale_arcsec_px: pointing.sigma_platescale_arcsec_px.into(),
-            distortion_k1: pointing.distortion_k1.into(),
-            rms_px: pointing.rms_px?,
-            chi2_per_dof: pointing.chi2_per_dof.into(),
-            false_probability_log10: pointing.false_probability_log10.map(|bound| bound.min(0.0)).into(),
-            epoch_yr: pointing.epoch_yr.into(),
-        })
-    }
-}
-
-impl HorizontalPart {
-    fn new(pointing: &PointingReport) -> Option<Self> {
-        let (az, el) = (pointing.sigma_az_arcsec?, pointing.sigma_el_arcsec?);
-        let observer = pointing.observer.as_ref()?;
-        Some(Self {
-            az_deg: pointing.az_deg?,
-            el_deg: pointing.el_deg?,
-            horizontal_roll_deg: pointing.horizontal_roll_deg?,
-            sigma_az_arcsec: az,
-            sigma_el_arcsec: el,
-            // The horizon does not blur: both rolls turn about the same boresight.
-            sigma_horizontal_roll_arcsec: pointing.sigma_roll_arcsec?,
-            sigma_horizontal_pointing_arcsec: (az + el) / 2.0,
-            observer: ObserverPart {
-                latitude_deg: observer.latitude_deg?,
-                sidereal_time_h: observer.sidereal_time_h?.rem_euclid(24.0),
-            },
-            equinox_yr: pointing.equinox_yr.into(),
-        })
-    }
-}
-
-impl Corrections {
-    fn new(applied: &[Correction]) -> Self {
-        Self {
-            corrected_proper_motion: applied.contains(&Correction::ProperMotion),
-            corrected_aberration: applied.contains(&Correction::Aberration),
-            corrected_precession: applied.contains(&Correction::Precession),
-            corrected_refraction: applied.contains(&Correction::Refraction),
-            corrected_distortion: applied.contains(&Correction::Distortion),
-        }
-    }
-}
-
-impl Source {
-    fn new(entry: &SourceEntry) -> Self {
-        let number = |value: Option<f64>| value.unwrap_or(0.0) as f32;
-        Self {
-            x_px: number(entry.x),
-            y_px: number(entry.y),
-            sigma_px: number(entry.sigma_px),
-            flux_adu: number(entry.flux),
-            peak_adu: number(entry.peak),
-            snr: number(entry.snr),
-            saturated: entry.saturated,
-            star_id: entry.star.as_ref().and_then(|star| u32::try_from(star.id).ok()).into(),
-        }
     }
 }
