@@ -4,6 +4,7 @@
 //! [`Command`] and in [`Command::run`]. Every one exits 0 on success, [`NEGATIVE`] where the work was done and the answer is
 //! negative, and [`WRONG`] with one line on stderr where the call or a file is wrong: for that it returns the error.
 
+mod catalog;
 mod config;
 mod font;
 mod overlay;
@@ -12,6 +13,7 @@ mod settings;
 mod solve;
 mod text;
 
+pub use catalog::load as load_catalogue;
 pub use config::ConfigArgs;
 
 use clap::{CommandFactory, Parser, Subcommand, error::ErrorKind};
@@ -29,6 +31,7 @@ struct Cli {
 /// What to do.
 #[derive(Debug, Subcommand)]
 enum Command {
+    Catalog(catalog::Args),
     Render(render::Args),
     Settings(settings::Args),
     Solve(solve::Args),
@@ -37,6 +40,7 @@ enum Command {
 impl Command {
     fn run(self) -> anyhow::Result<ExitCode> {
         match self {
+            Self::Catalog(args) => args.run(),
             Self::Render(args) => args.run(),
             Self::Settings(args) => args.run(),
             Self::Solve(args) => args.run(),

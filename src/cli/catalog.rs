@@ -1,0 +1,128 @@
+//! `stars catalog`: what the star catalogue is, whether a file is a whole one, and single stars of it.
+
+use super::{ConfigArgs, NEGATIVE, print};
+use crate::catalog::{Catalogue, MAX_FILE_BYTES, Names};
+use crate::sky::{ARCSEC, DEG, ra_dec};
+use anyhow::{Context, bail};
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Shows and checks the star catalogue.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  stars catalog                                what the catalogue in use is and holds
+  stars catalog --check stars.bin              is this file whole and unaltered? exit code 2 and the reason where not
+  stars catalog --star Vega                    place, motion and magnitude of a star
+  stars catalog --star 91262                   the same, by Hipparcos number")]
+pub struct Args {
+    /// Check this file instead of the catalogue in use
+    #[arg(long, value_name = "FILE")]
+    check: Option<String>,
+    /// Show a star: proper name, Hipparcos number, or what solutions call it (`G1234`); exit code 1 where there is none
+    #[arg(long, value_name = "NAME|HIP")]
+    star: Option<String>,
+    #[command(flatten)]
+    config: ConfigArgs,
+}
+
+impl Args {
+    /// Runs the subcommand; answers negative where there is no such star.
+    ///
+    /// # Errors
+    /// Settings that do not load, or a catalogue that is not whole.
+    pub fn run(self) -> anyhow::Result<ExitCode> {
+        let settings = self.config.load()?.settings.catalog;
+        let file = self.check.as_ref().unwrap_or(&settings.file);
+        if self.check.as_ref().is_some_and(String::is_empty) {
+            bail!("--check: the name of the file is empty, expected a star catalogue");
+        }
+        let catalogue = load(file)?;
+        let Some(name) = self.star else {
+            let verdict = if self.check.is_some() { "whole and unaltered\n" } else { "" };
+            return print(&format!("{verdict}{}", summary(file, &catalogue))).map(|()| ExitCode::SUCCESS);
+        };
+        match catalogue.find(&name) {
+            Some(index) => print(&star(&catalogue, index, settings.epoch_yr)).map(|()| ExitCode::SUCCESS),
+            None => print(&format!("no star is called {name:?}")).map(|()| ExitCode::from(NEGATIVE)),
+        }
+    }
+}
+
+/// Reads the star catalogue that the setting `catalog.file` names: the built-in one where it is empty.
+///
+/// # Errors
+/// A file that can't be read, or is not a whole and unaltered catalogue: names the file and what was expected.
+pub fn load(file: &str) -> anyhow::Result<Catalogue> {
+    if file.is_empty() {
+        return Catalogue::embedded().context("the built-in star catalogue");
+    }
+    Catalogue::from_bytes(&read(Path::new(file))?).with_context(|| file.to_owned())
+}
+
+/// Reads a file that may be a catalogue: no more of it than the longest catalogue has.
+fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
+    let name = path.display();
+    let expected = "expected a star catalogue";
+    let file = File::open(path).with_context(|| format!("{name}: cannot be opened, {expected}"))?;
+    if file.metadata().with_context(|| format!("{name}: cannot be read, {expected}"))?.is_dir() {
+        bail!("{name}: is a directory, {expected}");
+    }
+    let mut bytes = Vec::new();
+    let limit = MAX_FILE_BYTES as u64;
+    file.take(limit + 1).read_to_end(&mut bytes).with_context(|| format!("{name}: cannot be read, {expected}"))?;
+    if bytes.len() > MAX_FILE_BYTES {
+        bail!("{name}: is longer than {limit} bytes, {expected}");
+    }
+    Ok(bytes)
+}
+
+/// What a catalogue says of itself and what it holds.
+fn summary(file: &str, catalogue: &Catalogue) -> String {
+    let header = &catalogue.header;
+    let stars = &catalogue.stars;
+    let numbered = stars.iter().filter(|star| star.hip != 0).count();
+    let named = Names::embedded().as_ref().map_or(0, |names| stars.iter().filter(|star| names.of(star.hip).is_some()).count());
+    let magnitude = |star: Option<&crate::catalog::Star>| star.map_or_else(String::new, |star| format!("{:.3}", star.mag));
+    let (brightest, faintest) = (magnitude(stars.first()), magnitude(stars.last()));
+    let file = if file.is_empty() { "built into the program" } else { file };
+    [
+        format!("file        {file}"),
+        format!("origin      {}", header.origin),
+        format!("format      {}", header.format),
+        format!("checksum    {:08x} (CRC-32 of the stars)", header.checksum),
+        format!("epoch       J{:.1}, ICRS", header.epoch_yr),
+        format!("stars       {}", header.count),
+        format!("magnitudes  {brightest} to {faintest}, Gaia RP"),
+        format!("numbers     {numbered} stars have a Hipparcos number and a proper motion"),
+        format!("names       {named} stars have a proper name"),
+    ]
+    .join("\n")
+}
+
+/// One star: its place at the catalogue's epoch and at that of observation, Julian years.
+fn star(catalogue: &Catalogue, index: usize, observed_yr: f64) -> String {
+    let Some(star) = catalogue.stars.get(index) else { return String::new() };
+    let place = |epoch_yr: f64| {
+        let (ra, dec) = ra_dec(&star.direction_after(epoch_yr - catalogue.header.epoch_yr));
+        format!("J{epoch_yr:<9.1} {:.6} {:+.6} deg", ra / DEG, dec / DEG)
+    };
+    let hip = if star.hip == 0 { "none".to_owned() } else { star.hip.to_string() };
+    let mas_yr = |radians_yr: f64| 1000.0 * radians_yr / ARCSEC;
+    [
+        catalogue.name(index),
+        format!("Hipparcos  {hip}"),
+        format!("rank       {} by brightness", index + 1),
+        format!("magnitude  {:.3} Gaia RP", star.mag),
+        place(catalogue.header.epoch_yr),
+        place(observed_yr),
+        format!(
+            "motion     {:+.0} {:+.0} mas/yr (right ascension times cos(dec), declination)",
+            mas_yr(star.pm_ra),
+            mas_yr(star.pm_dec)
+        ),
+    ]
+    .join("\n")
+}
