@@ -104,6 +104,30 @@ fn a_star_is_found_by_name_by_number_and_by_what_solutions_call_it() {
 }
 
 #[test]
+fn a_star_without_a_hipparcos_number_is_said_to_have_no_known_motion() {
+    let (code, stdout, _) = answer(&["--star", "G470000"]);
+    assert_eq!(code, 0);
+    assert!(stdout.contains("Hipparcos  none") && stdout.contains("motion     unknown"), "{stdout}");
+}
+
+#[test]
+fn the_readme_beside_the_catalogue_tells_its_checksum_and_size() {
+    let readme = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("config/catalog/README.md")).unwrap();
+    let (_, stdout, _) = answer(&[]);
+    let value = |key: &str| stdout.lines().find_map(|line| line.strip_prefix(key)?.split_whitespace().next()).unwrap();
+    assert!(readme.contains(&format!("`{}`", value("checksum"))), "{stdout}");
+    assert!(readme.replace(',', "").contains(&format!("{} stars", value("stars"))), "{stdout}");
+    assert!(readme.contains(&format!("{} proper names", value("names"))), "{stdout}");
+}
+
+#[test]
+fn all_catalogue_files_together_stay_under_ten_megabytes() {
+    let directory = std::fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("config/catalog")).unwrap();
+    let bytes: u64 = directory.map(|entry| entry.unwrap().metadata().unwrap().len()).sum();
+    assert!(bytes < 10_000_000, "{bytes}");
+}
+
+#[test]
 fn its_help_has_an_example() {
     let (code, stdout, _) = answer(&["--help"]);
     assert_eq!(code, 0);

@@ -111,6 +111,12 @@ fn star(catalogue: &Catalogue, index: usize, observed_yr: f64) -> String {
     };
     let hip = if star.hip == 0 { "none".to_owned() } else { star.hip.to_string() };
     let mas_yr = |radians_yr: f64| 1000.0 * radians_yr / ARCSEC;
+    let motion = match star.hip {
+        0 => "unknown, taken as none".to_owned(),
+        _ => {
+            format!("{:+.0} {:+.0} mas/yr (right ascension times cos(dec), declination)", mas_yr(star.pm_ra), mas_yr(star.pm_dec))
+        }
+    };
     [
         catalogue.name(index),
         format!("Hipparcos  {hip}"),
@@ -118,11 +124,7 @@ fn star(catalogue: &Catalogue, index: usize, observed_yr: f64) -> String {
         format!("magnitude  {:.3} Gaia RP", star.mag),
         place(catalogue.header.epoch_yr),
         place(observed_yr),
-        format!(
-            "motion     {:+.0} {:+.0} mas/yr (right ascension times cos(dec), declination)",
-            mas_yr(star.pm_ra),
-            mas_yr(star.pm_dec)
-        ),
+        format!("motion     {motion}"),
     ]
     .join("\n")
 }
