@@ -1,7 +1,7 @@
 //! The command line: one file per subcommand, no logic of its own.
 //!
 //! A subcommand is a file with `pub struct Args` (clap) and `Args::run(self) -> anyhow::Result<ExitCode>`, and one line in
-//! [`Command`] and in [`Command::run`]. Every one exits 0 on success, [`NEGATIVE`] where the work was done and the answer is
+//! `Command` and in `Command::run`. Every one exits 0 on success, [`NEGATIVE`] where the work was done and the answer is
 //! negative, and [`WRONG`] with one line on stderr where the call or a file is wrong: for that it returns the error.
 
 mod catalog;

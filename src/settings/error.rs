@@ -56,7 +56,7 @@ pub struct SettingsError {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Problem {
     /// The text is no TOML.
-    #[error("{message}{}", quoted(" in ", .line))]
+    #[error("{message}{}", quoted(" in ", .line, ""))]
     Syntax {
         /// What the parser says.
         message: String,
@@ -78,7 +78,7 @@ pub enum Problem {
         given: String,
     },
     /// A key that does not exist.
-    #[error("unknown setting '{key}'{}", quoted("; did you mean ", .near))]
+    #[error("unknown setting '{key}'{}", quoted("; did you mean ", .near, "?"))]
     Unknown {
         /// The key as given.
         key: String,
@@ -116,6 +116,7 @@ pub enum Problem {
     Contradiction(String),
 }
 
-fn quoted(before: &str, text: &str) -> String {
-    if text.is_empty() { String::new() } else { format!("{before}'{text}'") }
+/// The text in quotes between two others; nothing where the text is empty.
+fn quoted(before: &str, text: &str, after: &str) -> String {
+    if text.is_empty() { String::new() } else { format!("{before}'{text}'{after}") }
 }

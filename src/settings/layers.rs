@@ -152,7 +152,7 @@ fn read_assignment(assignment: &str) -> Result<(&'static Rule, Value), Problem> 
 fn find_rule(key: &str) -> Result<&'static Rule, Problem> {
     rule(key).ok_or_else(|| match first_of_section(key) {
         Some(example) => Problem::Section { key: key.into(), example: example.into() },
-        None => Problem::Unknown { key: quote(key), near: nearest(key).into() },
+        None => Problem::Unknown { key: quote(key), near: nearest(&quote(key)).into() },
     })
 }
 

@@ -23,14 +23,12 @@ fn last_part(key: &str) -> &str {
     key.rsplit('.').next().unwrap_or(key)
 }
 
-/// Dice's coefficient of the pairs of neighbouring letters: 1 for the same word, 0 for nothing in common.
-/// (L. R. Dice, Ecology 26, 297, 1945.)
+/// Dice's coefficient of the pairs of neighbouring letters, the ends counted as letters: 1 for the same word, 0 for nothing in
+/// common. (L. R. Dice, Ecology 26, 297, 1945.)
 fn likeness(a: &str, b: &str) -> f64 {
-    if a == b {
-        return 1.0;
-    }
+    let (a, b) = (format!("^{a}$"), format!("^{b}$"));
     let mut rest: Vec<_> = b.as_bytes().windows(2).collect();
-    let total = a.len().saturating_sub(1) + rest.len();
+    let total = a.len() - 1 + rest.len();
     let mut common = 0;
     for pair in a.as_bytes().windows(2) {
         if let Some(at) = rest.iter().position(|other| *other == pair) {
@@ -38,7 +36,7 @@ fn likeness(a: &str, b: &str) -> f64 {
             common += 1;
         }
     }
-    if total == 0 { 0.0 } else { 2.0 * f64::from(common) / total as f64 }
+    2.0 * f64::from(common) / total as f64
 }
 
 #[cfg(test)]
@@ -51,6 +49,7 @@ mod tests {
             ("solver.platescale_arsec", "solver.matching.platescale_min_arcsec_px"),
             ("camera.perod_s", "camera.period_s"),
             ("camera.period", "camera.period_s"),
+            ("camera.nme", "camera.name"),
             ("camra.name", "camera.name"),
             ("min_matched", "solver.matching.min_matched"),
             ("solver.requirements.elevation.enable", "solver.requirements.elevation.enabled"),

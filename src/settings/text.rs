@@ -4,10 +4,13 @@ use super::error::Problem;
 use toml::Value;
 use toml::de::{DeTable, DeValue};
 
-/// Longest text that is looked at, bytes: over a hundred times the flight file.
-pub const MAX_TEXT_BYTES: usize = 1 << 20;
+/// Longest text that is looked at, bytes: some twenty times the flight file.
+pub const MAX_TEXT_BYTES: usize = 1 << 18;
 /// Longest piece of a file that an error repeats, characters.
 const QUOTE_CHARS: usize = 60;
+/// Longest key whose sections are looked into, bytes: twice the longest that exists. Without it, many keys below a long
+/// section name would fill the memory.
+const MAX_KEY_BYTES: usize = 120;
 
 /// One key of a file with its value.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,26 +33,29 @@ pub(super) fn read(text: &str) -> Result<Vec<Given>, (usize, Problem)> {
     let mut found = Vec::new();
     walk(text, "", document.get_ref(), &mut found);
     found.sort_by_key(|(start, _)| *start);
-    Ok(found.into_iter().map(|(_, given)| given).collect())
+    let breaks: Vec<usize> = text.bytes().enumerate().filter(|(_, c)| *c == b'\n').map(|(at, _)| at).collect();
+    let numbered = found.into_iter().map(|(start, given)| Given { line: breaks.partition_point(|at| *at < start) + 1, ..given });
+    Ok(numbered.collect())
 }
 
-/// Collects the leaves below a table. The parser bounds the depth (80), so this ends.
+/// Collects the leaves below a table with the byte at which each begins. The parser bounds the depth (80), so this ends.
 fn walk(text: &str, prefix: &str, table: &DeTable<'_>, found: &mut Vec<(usize, Given)>) {
     for (name, value) in table {
         let dot = if prefix.is_empty() { "" } else { "." };
         let key = format!("{prefix}{dot}{}", plain_or_quoted(name.get_ref()));
-        if let DeValue::Table(below) = value.get_ref() {
+        if let (DeValue::Table(below), true) = (value.get_ref(), key.len() <= MAX_KEY_BYTES) {
             walk(text, &key, below, found);
             continue;
         }
-        let start = name.span().start;
         let written = quote(text.get(value.span()).unwrap_or_default());
-        found.push((start, Given { key, value: plain_value(value.get_ref()), written, line: line_of(text, start) }));
+        found.push((name.span().start, Given { key, value: plain_value(value.get_ref()), written, line: 0 }));
     }
 }
 
+/// One part of a dotted key: as it is, or shortened and in quotes where no setting could be called so.
 fn plain_or_quoted(part: &str) -> String {
-    let plain = !part.is_empty() && part.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
+    let plain =
+        (1..=QUOTE_CHARS).contains(&part.len()) && part.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
     if plain { part.into() } else { format!("\"{}\"", quote(part)) }
 }
 
@@ -91,9 +97,10 @@ fn line_of(text: &str, byte: usize) -> usize {
 
 /// A piece of a file, on one line and not too long, for an error.
 pub(super) fn quote(text: &str) -> String {
-    let one_line = text.trim().split_whitespace().collect::<Vec<_>>().join(" ");
-    let mut short: String = one_line.chars().map(|c| if c.is_control() { '?' } else { c }).take(QUOTE_CHARS).collect();
-    if one_line.chars().count() > QUOTE_CHARS {
+    let mut letters = text.split_whitespace().flat_map(|word| word.chars().chain([' ']));
+    let mut short: String = letters.by_ref().take(QUOTE_CHARS).map(|c| if c.is_control() { '?' } else { c }).collect();
+    short.truncate(short.trim_end().len());
+    if letters.any(|c| c != ' ') {
         short.push('…');
     }
     short
@@ -112,6 +119,13 @@ mod tests {
     }
 
     #[test]
+    fn what_an_error_repeats_is_one_short_line_without_control_characters() {
+        assert_eq!(quote("  a\n b\u{7}\t"), "a b?");
+        assert_eq!(quote(&"x".repeat(60)), "x".repeat(60));
+        assert_eq!(quote(&"x ".repeat(31)), "x ".repeat(30).trim_end().to_owned() + "…");
+    }
+
+    #[test]
     fn a_quoted_key_with_dots_is_not_taken_for_a_path() {
         assert_eq!(read("\"camera.name\" = 'x'").unwrap()[0].key, "\"camera.name\"");
     }
@@ -124,13 +138,23 @@ mod tests {
     }
 
     #[test]
+    fn many_keys_below_a_long_section_do_not_multiply() {
+        let many = (0..20_000).map(|n| format!("k{n}=1\n")).collect::<String>();
+        let long = "a".repeat(MAX_TEXT_BYTES - many.len() - 3);
+        let given = read(&format!("[{long}]\n{many}")).unwrap();
+        let bytes: usize = given.iter().map(|one| one.key.len() + one.written.len()).sum();
+        assert!(bytes < 10 * MAX_TEXT_BYTES, "{bytes}");
+        assert_eq!(given[19_999].line, 20_001);
+    }
+
+    #[test]
     fn deep_or_long_texts_end_in_an_error_and_not_in_a_crash() {
         let deep =
-            ["a.".repeat(300_000) + "a = 1", format!("a = {}", "[".repeat(600_000)), "a = ".to_owned() + &"{a=".repeat(200_000)];
+            ["a.".repeat(100_000) + "a = 1", format!("a = {}", "[".repeat(250_000)), "a = ".to_owned() + &"{a=".repeat(80_000)];
         for text in deep {
             assert!(read(&text).is_err());
         }
         let (line, problem) = read(&"#".repeat(MAX_TEXT_BYTES + 1)).unwrap_err();
-        assert_eq!((line, problem.to_string()), (0, "1048577 bytes are too many for settings, expected at most 1048576".into()));
+        assert_eq!((line, problem.to_string()), (0, "262145 bytes are too many for settings, expected at most 262144".into()));
     }
 }
