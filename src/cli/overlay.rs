@@ -1,13 +1,14 @@
 //! The picture that `stars solve --overlay` writes: the frame with its sources, the stars that they are, and the pointing.
 
 use super::font;
-use super::text::{dms, hms};
+use super::text::{dms, hms, reason};
 use crate::catalog::Catalogue;
 use crate::image::Frame;
 use crate::sky::{ARCSEC, CameraModel, DEG, RowOrder, Vec3};
 use crate::solve::{Outcome, Solution};
-use image::codecs::png::PngEncoder;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, ImageError, Rgb, RgbImage};
+use std::path::Path;
 
 const MATCHED: Rgb<u8> = Rgb([90, 255, 120]);
 const UNMATCHED: Rgb<u8> = Rgb([255, 170, 40]);
@@ -37,15 +38,14 @@ pub fn draw(frame: &Frame, outcome: &Outcome, catalogue: &Catalogue, mirrored: b
     let mut canvas = Canvas { picture: levelled(frame, outcome, caption.len() * LINE * size), size };
 
     let solution = outcome.solution.as_ref();
+    let mut names = Vec::new();
     for (index, source) in outcome.sources.iter().enumerate() {
         let star = solution.and_then(|s| s.matches.iter().find(|pair| pair.source == index));
         let (x, y) = (source.x, on_picture(frame, source.y));
         canvas.circle(x, y, CIRCLE, if star.is_some() { MATCHED } else { UNMATCHED });
-        if let Some(pair) = star {
-            let offset = (CIRCLE + 3.0) * size as f64;
-            canvas.text(x + offset, y - offset, &catalogue.name(pair.star), MATCHED);
-        }
+        names.extend(star.map(|pair| (x, y, catalogue.name(pair.star))));
     }
+    label(&mut canvas, frame, &names);
     let centre = ((frame.width as f64 - 1.0) / 2.0, (frame.height as f64 - 1.0) / 2.0);
     canvas.line((centre.0 - CROSS * size as f64, centre.1), (centre.0 + CROSS * size as f64, centre.1), BORESIGHT);
     canvas.line((centre.0, centre.1 - CROSS * size as f64), (centre.0, centre.1 + CROSS * size as f64), BORESIGHT);
@@ -62,8 +62,49 @@ pub fn draw(frame: &Frame, outcome: &Outcome, catalogue: &Catalogue, mirrored: b
 /// The picture as the bytes of a PNG file.
 pub fn encode(picture: &RgbImage) -> Result<Vec<u8>, ImageError> {
     let mut bytes = Vec::new();
-    PngEncoder::new(&mut bytes).write_image(picture.as_raw(), picture.width(), picture.height(), ExtendedColorType::Rgb8)?;
+    let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Default, FilterType::Adaptive);
+    encoder.write_image(picture.as_raw(), picture.width(), picture.height(), ExtendedColorType::Rgb8)?;
     Ok(bytes)
+}
+
+/// Writes names beside their sources, brightest first, where they hide no other name. One that finds no free place is left out.
+fn label(canvas: &mut Canvas, frame: &Frame, names: &[(f64, f64, String)]) {
+    let size = canvas.size as f64;
+    let (width, height) = (frame.width as f64, frame.height as f64);
+    let corner = 3.2 * ARROW * size;
+    let mut taken = vec![Area { left: width - corner, top: height - corner, right: width, bottom: height }];
+    for (x, y, name) in names {
+        let (wide, high) = ((name.chars().count() * font::ADVANCE) as f64 * size, font::HEIGHT as f64 * size);
+        let (beside, above) = ((CIRCLE + 2.0) * size, (CIRCLE + 1.0) * size);
+        let corners = [
+            (x + beside, y - above),
+            (x + beside, y + above - high),
+            (x - beside - wide, y - above),
+            (x - beside - wide, y + above - high),
+            (x - wide / 2.0, y - above - high),
+            (x - wide / 2.0, y + above),
+        ];
+        let areas = corners.map(|(left, top)| Area { left, top, right: left + wide, bottom: top + high });
+        let inside = |area: &Area| area.left >= 0.0 && area.top >= 0.0 && area.right < width && area.bottom < height;
+        if let Some(area) = areas.into_iter().find(|area| inside(area) && !taken.iter().any(|other| other.overlaps(area))) {
+            canvas.text(area.left, area.top, name, MATCHED);
+            taken.push(area);
+        }
+    }
+}
+
+/// A part of the picture, px.
+struct Area {
+    left: f64,
+    top: f64,
+    right: f64,
+    bottom: f64,
+}
+
+impl Area {
+    fn overlaps(&self, other: &Self) -> bool {
+        self.left < other.right && other.left < self.right && self.top < other.bottom && other.top < self.bottom
+    }
 }
 
 /// What stands below the picture.
