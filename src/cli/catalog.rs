@@ -1,11 +1,9 @@
 //! `stars catalog`: what the star catalogue is, whether a file is a whole one, and single stars of it.
 
-use super::{ConfigArgs, NEGATIVE, print};
+use super::{ConfigArgs, NEGATIVE, file, print};
 use crate::catalog::{Catalogue, MAX_FILE_BYTES, Names};
 use crate::sky::{ARCSEC, DEG, ra_dec};
 use anyhow::{Context, bail};
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -55,28 +53,11 @@ impl Args {
 ///
 /// # Errors
 /// A file that can't be read, or is not a whole and unaltered catalogue: names the file and what was expected.
-pub fn load(file: &str) -> anyhow::Result<Catalogue> {
-    if file.is_empty() {
+pub fn load(name: &str) -> anyhow::Result<Catalogue> {
+    if name.is_empty() {
         return Catalogue::embedded().context("the built-in star catalogue");
     }
-    Catalogue::from_bytes(&read(Path::new(file))?).with_context(|| file.to_owned())
-}
-
-/// Reads a file that may be a catalogue: no more of it than the longest catalogue has.
-fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
-    let name = path.display();
-    let expected = "expected a star catalogue";
-    let file = File::open(path).with_context(|| format!("{name}: cannot be opened, {expected}"))?;
-    if file.metadata().with_context(|| format!("{name}: cannot be read, {expected}"))?.is_dir() {
-        bail!("{name}: is a directory, {expected}");
-    }
-    let mut bytes = Vec::new();
-    let limit = MAX_FILE_BYTES as u64;
-    file.take(limit + 1).read_to_end(&mut bytes).with_context(|| format!("{name}: cannot be read, {expected}"))?;
-    if bytes.len() > MAX_FILE_BYTES {
-        bail!("{name}: is longer than {limit} bytes, {expected}");
-    }
-    Ok(bytes)
+    Catalogue::from_bytes(&file::read(Path::new(name), MAX_FILE_BYTES, "a star catalogue")?).with_context(|| name.to_owned())
 }
 
 /// What a catalogue says of itself and what it holds.

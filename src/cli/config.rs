@@ -1,9 +1,7 @@
 //! The settings options that all subcommands share, and the reading of settings files.
 
+use super::file;
 use crate::settings::{Layers, Loaded, MAX_TEXT_BYTES};
-use anyhow::{Context, bail};
-use std::fs::File;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Where settings come from, in rising precedence.
@@ -41,20 +39,11 @@ impl ConfigArgs {
 /// Reads a settings file: text of a bounded size, so that naming the wrong file costs nothing.
 fn read(path: &Path) -> anyhow::Result<String> {
     let name = path.display();
-    let expected = "expected a settings file in TOML";
-    let file = File::open(path).with_context(|| format!("{name}: cannot be opened, {expected}"))?;
-    if file.metadata().with_context(|| format!("{name}: cannot be read, {expected}"))?.is_dir() {
-        bail!("{name}: is a directory, {expected}");
-    }
-    let mut bytes = Vec::new();
-    let limit = MAX_TEXT_BYTES as u64;
-    file.take(limit + 1).read_to_end(&mut bytes).with_context(|| format!("{name}: cannot be read, {expected}"))?;
-    if bytes.len() > MAX_TEXT_BYTES {
-        bail!("{name}: is longer than {limit} bytes, {expected}");
-    }
+    let expected = "a settings file in TOML";
+    let bytes = file::read(path, MAX_TEXT_BYTES, expected)?;
     String::from_utf8(bytes).map_err(|error| {
         let good = error.as_bytes().iter().take(error.utf8_error().valid_up_to());
         let line = good.filter(|byte| **byte == b'\n').count() + 1;
-        anyhow::anyhow!("{name}:{line}: is not UTF-8 text, {expected}")
+        anyhow::anyhow!("{name}:{line}: is not UTF-8 text, expected {expected}")
     })
 }

@@ -6,6 +6,7 @@
 
 mod catalog;
 mod config;
+mod file;
 mod font;
 mod overlay;
 mod render;

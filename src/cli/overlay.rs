@@ -3,7 +3,7 @@
 use super::font;
 use super::text::{dms, hms, reason};
 use crate::catalog::Catalogue;
-use crate::image::Frame;
+use crate::image::{Frame, Level, auto_level, to_grey8};
 use crate::sky::{ARCSEC, CameraModel, DEG, RowOrder, Vec3};
 use crate::solve::{Outcome, Solution};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -110,13 +110,9 @@ impl Area {
 /// What stands below the picture.
 fn caption(outcome: &Outcome) -> Vec<String> {
     let found = outcome.sources.len();
+    let image = Path::new(&outcome.stamp.origin).file_name().unwrap_or_default().to_string_lossy();
     let Some(solution) = &outcome.solution else {
-        let reason = super::text::reason(outcome);
-        return vec![
-            format!("NOT SOLVED: {reason}"),
-            outcome.detail.clone(),
-            format!("{found} sources  {}", outcome.stamp.origin),
-        ];
+        return vec![format!("NOT SOLVED: {}", reason(outcome)), outcome.detail.clone(), format!("{found} sources   {image}")];
     };
     let (ra, dec, roll) = solution.attitude.angles();
     let sigmas = solution.sigmas() / ARCSEC;
@@ -130,12 +126,7 @@ fn caption(outcome: &Outcome) -> Vec<String> {
             sigmas.z,
             solution.platescale / ARCSEC
         ),
-        format!(
-            "{} of {found} sources matched   rms {:.2} px   {}",
-            solution.matches.len(),
-            solution.rms_px,
-            outcome.stamp.origin
-        ),
+        format!("{} of {found} sources matched   rms {:.2} px   {image}", solution.matches.len(), solution.rms_px),
     ]
 }
 
@@ -146,24 +137,12 @@ fn on_picture(frame: &Frame, y: f64) -> f64 {
 
 /// The frame in 8 bits, with `below` empty rows for the caption.
 fn levelled(frame: &Frame, outcome: &Outcome, below: usize) -> RgbImage {
-    let (low, high) = outcome.statistics.as_ref().map_or_else(|| extremes(&frame.pixels), |statistics| statistics.level);
-    let span = f64::from(high.saturating_sub(low).max(1));
-    let (width, height) = (frame.width as u32, (frame.height + below) as u32);
-    RgbImage::from_fn(width, height, |x, row| {
-        let y =
-            if frame.rows == RowOrder::BottomFirst { (frame.height - 1).checked_sub(row as usize) } else { Some(row as usize) };
-        let pixel = y.filter(|y| *y < frame.height).and_then(|y| frame.pixels.get(y * frame.width + x as usize));
-        pixel.map_or(BACKGROUND, |adu| {
-            let grey = (255.0 * f64::from(adu.saturating_sub(low)) / span).min(255.0) as u8;
-            Rgb([grey, grey, grey])
-        })
+    let level = outcome.statistics.as_ref().map(|statistics| statistics.level);
+    let grey = to_grey8(frame, level.map_or_else(|| auto_level(frame), |(low, high)| Level { low, high }));
+    RgbImage::from_fn(frame.width as u32, (frame.height + below) as u32, |x, y| {
+        // Below the frame there is no grey.
+        grey.get(y as usize * frame.width + x as usize).map_or(BACKGROUND, |grey| Rgb([*grey; 3]))
     })
-}
-
-/// Least and greatest pixel, for a frame whose statistics were not taken.
-fn extremes(pixels: &[u16]) -> (u16, u16) {
-    let low = pixels.iter().min().copied().unwrap_or(0);
-    (low, pixels.iter().max().copied().unwrap_or(low))
 }
 
 /// Arrows to North and East in the lower right corner.

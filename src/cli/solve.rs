@@ -1,15 +1,14 @@
 //! `stars solve`: solves images from disk and says where they point, or why not.
 
-use super::{ConfigArgs, NEGATIVE, WRONG, overlay, print, text};
-use crate::catalog::Catalogue;
-use crate::image::{self, Frame, Stamp};
+use super::{ConfigArgs, NEGATIVE, WRONG, catalog, file, overlay, print, text};
+use crate::image::{self, BadPixels, Frame, Stamp};
 use crate::settings::Settings;
 use crate::solve::{Outcome, Prior, Reason, Report, Solver, Stop, Watch};
-use anyhow::{Context, anyhow, bail};
+use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::collections::{BTreeMap, HashSet};
-use std::fs::{self, File};
-use std::io::{IsTerminal, Read, Write, stderr};
+use std::fs;
+use std::io::{IsTerminal, Write, stderr};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -20,9 +19,11 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 /// What an image file may be.
-const EXPECTED: &str = "expected an image (FITS, TIFF, PNG or JPEG)";
+const EXPECTED: &str = "an image (FITS, TIFF, PNG or JPEG)";
 /// Longest file that is read, bytes: several times the largest image that the readers take.
-const MAX_FILE_BYTES: u64 = 1 << 30;
+const MAX_FILE_BYTES: usize = 1 << 30;
+/// Longest list of bad pixels, bytes: more than a million of them.
+const MAX_LIST_BYTES: usize = 16 << 20;
 
 /// Solves images: prints where each one points, or why that could not be found
 #[derive(Debug, clap::Args)]
@@ -55,12 +56,14 @@ impl Args {
     /// Where settings, catalogue or the directory for overlays are wrong. A wrong image is answered by its own line instead.
     pub fn run(self) -> anyhow::Result<ExitCode> {
         let settings = Arc::new(self.config.load()?.settings);
-        let catalogue = Arc::new(load_catalogue(&settings)?);
+        let catalogue = Arc::new(catalog::load(&settings.catalog.file)?);
+        let bad_pixels = load_bad_pixels(&settings)?;
         let overlays = self.overlay.as_deref().map(|directory| overlay_files(directory, &self.files)).transpose()?;
         let batch = Batch {
             files: &self.files,
             overlays,
             json: self.json,
+            bad_pixels,
             settings: settings.clone(),
             solver: Mutex::new(Solver::new(catalogue, settings)),
             next: AtomicUsize::new(0),
@@ -74,14 +77,15 @@ impl Args {
     }
 }
 
-/// The catalogue of the settings: a file, or the one built into the program.
-fn load_catalogue(settings: &Settings) -> anyhow::Result<Catalogue> {
-    let file = &settings.catalog.file;
-    if file.is_empty() {
-        return Catalogue::embedded().context("the catalogue in the program");
+/// The camera's bad pixels, by the settings' file.
+fn load_bad_pixels(settings: &Settings) -> anyhow::Result<BadPixels> {
+    let name = &settings.solver.sources.bad_pixels_file;
+    if name.is_empty() {
+        return Ok(BadPixels::default());
     }
-    let bytes = fs::read(file).with_context(|| format!("{file}: cannot be read, expected a star catalogue"))?;
-    Catalogue::from_bytes(&bytes).with_context(|| file.clone())
+    let bytes = file::read(Path::new(name), MAX_LIST_BYTES, "bad pixels, \"x y\" a line")?;
+    let list = String::from_utf8(bytes).with_context(|| format!("{name}: is not text, expected bad pixels, \"x y\" a line"))?;
+    Ok(BadPixels::parse(name, &list)?)
 }
 
 /// Makes the directory and gives each image a file of its own in it, also where images of two directories share a name.
@@ -119,6 +123,7 @@ struct Batch<'a> {
     files: &'a [PathBuf],
     overlays: Option<Vec<PathBuf>>,
     json: bool,
+    bad_pixels: BadPixels,
     settings: Arc<Settings>,
     /// The solver that workers clone once it is prepared for their size of image, so that one index serves all.
     solver: Mutex<Solver>,
@@ -181,15 +186,18 @@ impl Batch<'_> {
     fn answer(&self, path: &Path, overlay: Option<&Path>, own: &mut Option<Own>) -> Answer {
         let name = path.display().to_string();
         let start = now();
-        let frame = match read_bytes(path).and_then(|bytes| Ok(image::read(&name, &bytes)?)) {
+        let bytes = file::read(path, MAX_FILE_BYTES, EXPECTED);
+        let mut frame = match bytes.and_then(|bytes| Ok(image::read(&name, &bytes)?)) {
             Ok(frame) => frame,
             Err(error) => {
                 let detail = one_line(&error);
                 let stamp = Stamp { origin: name, ..Stamp::default() };
-                let outcome = Outcome::unsolved(stamp, Reason::Unreadable, &detail);
-                return self.answer_with(&outcome, Some(format!("{detail}, {EXPECTED}")));
+                let outcome = Outcome::unsolved(stamp, Reason::Unreadable, detail.clone());
+                let complaint = if detail.contains("expected") { detail } else { format!("{detail}; expected {EXPECTED}") };
+                return self.answer_with(&outcome, Some(complaint));
             }
         };
+        self.bad_pixels.apply(&mut frame.pixels, frame.width, frame.height);
         let read = start.elapsed();
         let mut outcome = self.solve(&frame, own);
         outcome.times.read = read;
@@ -284,21 +292,6 @@ fn show(answer: &Answer) -> anyhow::Result<()> {
         let _ = writeln!(stderr(), "stars: {complaint}");
     }
     print(&answer.text)
-}
-
-/// The bytes of a file of bounded length.
-fn read_bytes(path: &Path) -> anyhow::Result<Vec<u8>> {
-    let name = path.display();
-    let file = File::open(path).map_err(|error| anyhow!("{name}: cannot be opened: {error}"))?;
-    if file.metadata().is_ok_and(|metadata| metadata.is_dir()) {
-        bail!("{name}: is a directory");
-    }
-    let mut bytes = Vec::new();
-    file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(|error| anyhow!("{name}: cannot be read: {error}"))?;
-    if bytes.len() as u64 > MAX_FILE_BYTES {
-        bail!("{name}: is longer than {MAX_FILE_BYTES} bytes");
-    }
-    Ok(bytes)
 }
 
 fn one_line(error: &anyhow::Error) -> String {
