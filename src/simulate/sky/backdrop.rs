@@ -112,17 +112,18 @@ impl Glare {
 impl Backdrop {
     /// Light on each pixel before dimming, ADU over bias; `full_adu` is what just clips (for the glare).
     pub fn light(&self, width: usize, height: usize, full_adu: f64) -> Vec<f32> {
-        let glare = self.glare.as_ref().map(|glare| (glare, glare.edge(width, height)));
+        let glare =
+            self.glare.as_ref().map(|glare| (glare, glare.edge(width, height), libm::cos(glare.angle), libm::sin(glare.angle)));
         let half_diagonal = 0.5 * (width as f64).hypot(height as f64);
         let (cos, sin) = (libm::cos(self.gradient_angle), libm::sin(self.gradient_angle));
         let (middle_x, middle_y) = (0.5 * (width as f64 - 1.0), 0.5 * (height as f64 - 1.0));
+        let clouds: Vec<_> = self.clouds.iter().map(Cloud::light).collect();
         let mut image = smooth_field(width, height, |x, y| {
             let slope = ((x - middle_x) * cos + (y - middle_y) * sin) / half_diagonal;
             let mut light = self.sky_adu * (1.0 + self.gradient * slope);
             light += self.glows.iter().map(|glow| glow.at(x, y)).sum::<f64>();
-            light += self.clouds.iter().map(|cloud| cloud.at(x, y)).sum::<f64>();
-            if let Some((glare, edge)) = glare {
-                let (cos, sin) = (libm::cos(glare.angle), libm::sin(glare.angle));
+            light += clouds.iter().map(|cloud| cloud(x, y)).sum::<f64>();
+            if let Some((glare, edge, cos, sin)) = glare {
                 let beyond = ((x - middle_x) * cos + (y - middle_y) * sin - edge) / glare.scale_px;
                 // Far beyond the edge it only needs to stay clipped.
                 light += full_adu * libm::exp(beyond.min(1.0));
@@ -154,14 +155,21 @@ impl Glow {
 }
 
 impl Cloud {
-    fn at(&self, x: f64, y: f64) -> f64 {
-        let along = |angle: f64| x * libm::cos(angle) + y * libm::sin(angle);
-        let bend = self.warp * libm::sin(TAU * along(self.warp_angle) / self.warp_wavelength_px);
-        let wave = libm::sin(TAU * along(self.angle) / self.wavelength_px + bend + self.phase);
-        let patch =
-            0.5 + 0.5 * libm::sin(TAU * along(self.warp_angle + 1.0) / (1.6 * self.warp_wavelength_px) + self.patch_phase);
-        // Only the crests shine, and steeply: thin bright filaments with dark between them.
-        self.amplitude_adu * patch * wave.max(0.0).powi(2)
+    /// Its light as a function of (x, y), ADU.
+    fn light(&self) -> impl Fn(f64, f64) -> f64 {
+        let wave = |angle: f64, wavelength_px: f64| {
+            let (kx, ky) = (TAU * libm::cos(angle) / wavelength_px, TAU * libm::sin(angle) / wavelength_px);
+            move |x: f64, y: f64| kx * x + ky * y
+        };
+        let ripple = wave(self.angle, self.wavelength_px);
+        let bend = wave(self.warp_angle, self.warp_wavelength_px);
+        let patch = wave(self.warp_angle + 1.0, 1.6 * self.warp_wavelength_px);
+        let (amplitude, warp, phase, patch_phase) = (self.amplitude_adu, self.warp, self.phase, self.patch_phase);
+        move |x, y| {
+            // Only the crests shine, and steeply: thin bright filaments with dark between them.
+            let crest = libm::sin(ripple(x, y) + warp * libm::sin(bend(x, y)) + phase).max(0.0);
+            amplitude * (0.5 + 0.5 * libm::sin(patch(x, y) + patch_phase)) * crest * crest
+        }
     }
 }
 
@@ -169,12 +177,12 @@ impl Slab {
     fn paint(&self, image: &mut [f32], width: usize) {
         let (cos, sin) = (libm::cos(self.angle), libm::sin(self.angle));
         // An edge is as wide as one pixel.
-        let inside = |distance: f64, half: f64| (half - distance.abs() + 0.5).clamp(0.0, 1.0);
+        let inside = |distance: f64, half: f64| (half - distance.abs() + 0.5).clamp(0.0, 1.0) as f32;
         for (y, row) in image.chunks_exact_mut(width).enumerate() {
             for (x, pixel) in row.iter_mut().enumerate() {
                 let (dx, dy) = (x as f64 - self.x, y as f64 - self.y);
                 let cover = inside(dx * cos + dy * sin, self.half_length_px) * inside(dy * cos - dx * sin, self.half_width_px);
-                *pixel += (self.level_adu * cover) as f32;
+                *pixel += self.level_adu as f32 * cover;
             }
         }
     }

@@ -152,16 +152,16 @@ pub fn render(spec: &RenderSpec, catalogue: &Catalogue) -> Result<Rendered, Rend
     spec.check()?;
     let (width, height) = (spec.width, spec.height);
     let mut scene = Scene::draw(spec, catalogue);
-    let images = if scene.stars { stars::expose(spec, &mut scene, catalogue) } else { Vec::new() };
+    let mut images = if scene.stars { stars::expose(spec, &mut scene, catalogue) } else { Vec::new() };
     let sensor = &scene.sensor;
     let pixels = match scene.blank {
         Some(value) => vec![value; width * height],
         None => {
             let mut light = scene.backdrop.light(width, height, sensor.full_light_adu());
-            for star in &images {
-                star.paint(&mut light, width);
-            }
-            dim(&mut light, &scene.backdrop.transmission(width, height), &mut spec.camera_dice(Purpose::Pattern));
+            let transmission = scene.backdrop.transmission(width, height);
+            images.iter_mut().for_each(|star| star.measure_sky(&light, &transmission, width));
+            images.iter().for_each(|star| star.paint(&mut light, width));
+            dim(&mut light, &transmission, &mut spec.camera_dice(Purpose::Pattern));
             scene.flaws.paint_lasting(&mut light, width, sensor.sum_over_mean, &mut spec.camera_dice(Purpose::HotPixels));
             scene.flaws.paint_tracks(&mut light, width, sensor.sum_over_mean, &mut spec.dice(Purpose::Events));
             if sensor.overflows {

@@ -170,19 +170,28 @@ fn draw_path(spec: &RenderSpec, dice: &mut Dice) -> Vec<(Vec3, f64)> {
     let bend = if dice.chance(0.5) { 0.0 } else { dice.uniform(-1.75, 1.75) };
     let exposure_s = dice.uniform(EXPOSURE_S.0, EXPOSURE_S.1);
     let whole_s = exposures as f64 * exposure_s + (exposures - 1) as f64 * GAP_S;
-    let count = steps(length_px);
-    let (mut left, mut up, mut turns) = (0.0, 0.0, Vec::with_capacity(count));
-    for i in 0..count {
-        let t = (i as f64 + 0.5) / count as f64;
-        let angle = heading + bend * t;
-        left += libm::cos(angle) * length_px / count as f64;
-        up += libm::sin(angle) * length_px / count as f64;
-        if (t * whole_s) % (exposure_s + GAP_S) < exposure_s {
+    let per_exposure = steps(length_px * exposure_s / whole_s);
+    let mut turns = Vec::with_capacity(exposures * per_exposure);
+    for exposure in 0..exposures {
+        for step in 0..per_exposure {
+            let time_s = exposure as f64 * (exposure_s + GAP_S) + (step as f64 + 0.5) / per_exposure as f64 * exposure_s;
+            let (left, up) = on_arc(heading, bend, time_s / whole_s);
             // Turning about the up axis moves the boresight to the left, about the left axis downwards.
-            turns.push(Vec3::new(-up, left, 0.0) * scale);
+            turns.push(Vec3::new(-up, left, 0.0) * (length_px * scale));
         }
     }
     centred(turns)
+}
+
+/// Place at a fraction of the way along an arc of length one that starts in a direction and turns by `bend` rad in all.
+fn on_arc(heading: f64, bend: f64, fraction: f64) -> (f64, f64) {
+    const STRAIGHT: f64 = 1e-6;
+    let (cos, sin) = (libm::cos(heading), libm::sin(heading));
+    if bend.abs() < STRAIGHT {
+        return (cos * fraction, sin * fraction);
+    }
+    let end = heading + bend * fraction;
+    ((libm::sin(end) - sin) / bend, (cos - libm::cos(end)) / bend)
 }
 
 /// Steps of a path: a third of a pixel is far below the point spread function's width.

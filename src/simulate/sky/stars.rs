@@ -23,9 +23,24 @@ pub(super) struct StarImage {
     x: f64,
     y: f64,
     stamp: Stamp,
+    /// Light of the sky under it, ADU over bias, and the fraction of all light that passes there.
+    sky_adu: f64,
+    passed: f64,
 }
 
 impl StarImage {
+    /// Takes note of the sky's light and the dimming at its middle; a star whose middle is off the sensor has none.
+    pub fn measure_sky(&mut self, light: &[f32], transmission: &[f32], width: usize) {
+        let (column, row) = (self.x.round(), self.y.round());
+        if column < 0.0 || row < 0.0 || column >= width as f64 {
+            return;
+        }
+        let at = row as usize * width + column as usize;
+        if let (Some(&light), Some(&passed)) = (light.get(at), transmission.get(at)) {
+            (self.sky_adu, self.passed) = (f64::from(light), f64::from(passed));
+        }
+    }
+
     /// Adds its light, ADU, to an image of `width` columns.
     pub fn paint(&self, light: &mut [f32], width: usize) {
         let flux = self.flux_adu as f32;
@@ -77,7 +92,7 @@ pub(super) fn expose(spec: &RenderSpec, scene: &mut Scene, catalogue: &Catalogue
         if overflow > 1.0 {
             scene.backdrop.glows.push(halo(x, y, flux_adu));
         }
-        images.push(StarImage { star: index, flux_adu, x, y, stamp });
+        images.push(StarImage { star: index, flux_adu, x, y, stamp, sky_adu: 0.0, passed: 0.0 });
     }
     images
 }
@@ -96,20 +111,11 @@ pub(super) fn judge(spec: &RenderSpec, scene: &Scene, catalogue: &Catalogue, ima
     let sensor = &scene.sensor;
     let full = sensor.full_scale_adu;
     let clipped_fraction = pixels.iter().filter(|&&pixel| pixel >= full).count() as f64 / pixels.len().max(1) as f64;
-    // Recomputed rather than kept: the light under the stars.
-    let sky = scene.backdrop.light(width, height, sensor.full_light_adu());
-    let transmission = scene.backdrop.transmission(width, height);
     let mut stars: Vec<TrueStar> = images
         .iter()
         .filter_map(|image| {
-            let (column, row) = (image.x.round(), image.y.round());
-            if !(0.0..width as f64).contains(&column) || !(0.0..height as f64).contains(&row) {
-                return None;
-            }
-            let at = row as usize * width + column as usize;
-            let passed = f64::from(*transmission.get(at)?);
-            let noise = sensor.noise_adu(f64::from(*sky.get(at)?) * passed);
-            let flux_adu = image.flux_adu * passed;
+            let flux_adu = image.flux_adu * image.passed;
+            let noise = sensor.noise_adu(image.sky_adu * image.passed);
             Some(TrueStar {
                 star: image.star,
                 x: image.x,

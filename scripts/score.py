@@ -1,0 +1,268 @@
+#!/usr/bin/env python3
+"""Scores the answers of `stars solve --json` against the truth. Standard library only.
+
+    score.py flight|esa TRUTH.json ANSWERS.jsonl
+    score.py rendered|nostars|mirrored|measured DIRECTORY
+
+A DIRECTORY holds `*.truth.json`, as `stars render` writes them, and answers in `*.jsonl`; the image's name joins the two.
+Prints what was measured, then one line `wanted: … got: … PASS|FAIL` for each thing wanted; exits 1 if any failed.
+
+A solution is right where it lies within the larger of 5″ (60″ where a pixel is over 20″) and 6 σ of the sky at the image's
+centre pixel; any other solution is wrong, and so is every solution where there are no stars.
+"""
+
+import json
+import math
+import sys
+from pathlib import Path
+
+ARCSEC_PER_DEG = 3600.0
+
+
+def unit(ra_deg, dec_deg):
+    """Unit vector of a direction."""
+    ra, dec = math.radians(ra_deg), math.radians(dec_deg)
+    return (math.cos(dec) * math.cos(ra), math.cos(dec) * math.sin(ra), math.sin(dec))
+
+
+def errors_arcsec(answer, truth):
+    """Solution minus truth towards east, north and in roll, arcsec, at the truth's boresight."""
+    ra, dec = math.radians(truth["ra_deg"]), math.radians(truth["dec_deg"])
+    there = unit(answer["ra_deg"], answer["dec_deg"])
+    depth = sum(a * b for a, b in zip(there, unit(truth["ra_deg"], truth["dec_deg"])))
+    east = -there[0] * math.sin(ra) + there[1] * math.cos(ra)
+    north = (-there[0] * math.cos(ra) - there[1] * math.sin(ra)) * math.sin(dec) + there[2] * math.cos(dec)
+    # The angle itself, not its sine: a wrong solution may be anywhere.
+    across = math.hypot(east, north)
+    scale = math.degrees(math.atan2(across, depth)) * ARCSEC_PER_DEG / across if across > 0 else 0.0
+    # A roll is a position angle at the boresight: carried from one boresight to the other along the great circle, it turns by
+    # the convergence of the meridians between them.
+    convergence = (answer["ra_deg"] - truth["ra_deg"] + 180) % 360 - 180
+    roll = answer["roll_deg"] - truth["roll_deg"] - convergence * math.sin(0.5 * (dec + math.radians(answer["dec_deg"])))
+    return east * scale, north * scale, ((roll + 180) % 360 - 180) * ARCSEC_PER_DEG
+
+
+def is_right(answer, truth):
+    """Whether a solution is one that may be served."""
+    if truth.get("ra_deg") is None:
+        return False
+    east, north, _ = errors_arcsec(answer, truth)
+    sigma = math.hypot(answer["sigma_east_arcsec"], answer["sigma_north_arcsec"]) / math.sqrt(2)
+    floor = 60.0 if truth["platescale_arcsec_px"] > 20 else 5.0
+    return math.hypot(east, north) <= max(floor, 6 * sigma)
+
+
+def percentile(values, percent):
+    """The value below which `percent` of the values lie (nearest rank); NaN of none."""
+    ordered = sorted(values)
+    if not ordered:
+        return math.nan
+    return ordered[min(len(ordered) - 1, max(0, math.ceil(percent / 100 * len(ordered)) - 1))]
+
+
+def rms(values):
+    """Root mean square; NaN of none."""
+    return math.sqrt(sum(v * v for v in values) / len(values)) if values else math.nan
+
+
+class Verdict:
+    """Prints what was wanted and got, and remembers whether all passed."""
+
+    def __init__(self):
+        self.failed = False
+
+    def __call__(self, wanted, got, passed):
+        self.failed |= not passed
+        print(f"wanted: {wanted}  got: {got}  {'PASS' if passed else 'FAIL'}")
+
+
+def read_lines(path):
+    """The JSON objects of a file, one a line."""
+    return [json.loads(line) for line in Path(path).read_text().splitlines() if line.strip()]
+
+
+def read_directory(directory):
+    """Pairs of answer and truth by the image's name; every truth must have its answer."""
+    answers = {Path(a["image"]).stem: a for path in sorted(Path(directory).glob("*.jsonl")) for a in read_lines(path)}
+    pairs = []
+    for path in sorted(Path(directory).glob("*.truth.json")):
+        name = path.name.removesuffix(".truth.json")
+        if name not in answers:
+            sys.exit(f"score.py: {path}: there is no answer for this image")
+        pairs.append((answers[name], json.loads(path.read_text())))
+    if not pairs:
+        sys.exit(f"score.py: {directory}: there is no truth here")
+    return pairs
+
+
+def reasons(answers):
+    """How often which reason ended a frame, as words."""
+    counts = {}
+    for answer in answers:
+        name = answer["reason"] + (f" ({answer['cause']})" if answer.get("cause") else "")
+        counts[name] = counts.get(name, 0) + 1
+    return ", ".join(f"{count} {name}" for name, count in sorted(counts.items(), key=lambda item: -item[1]))
+
+
+def report_kind(kind, pairs):
+    """Prints what one kind of frame measured."""
+    must = [pair for pair in pairs if pair[1]["must"]]
+    solved = [pair for pair in pairs if pair[0]["solved"]]
+    right = [pair for pair in solved if is_right(*pair)]
+    right_must = sum(1 for pair in right if pair[1]["must"])
+    stars = sorted(truth["stars_over_snr5"] for _, truth in pairs)
+    times = [answer["time_ms"]["total"] for answer, _ in pairs]
+    print(
+        f"{kind:<10} frames {len(pairs):4}  must {len(must):4}  right {right_must:4} of must, {len(right):4} in all  "
+        f"wrong {len(solved) - len(right)}  stars {stars[0]}/{stars[len(stars) // 2]}/{stars[-1]}  "
+        f"ms median {percentile(times, 50):.2f} p95 {percentile(times, 95):.2f} p99 {percentile(times, 99):.2f} max {max(times):.2f}"
+    )
+    report_errors(right)
+    if len(right) < len(pairs):
+        print(f"           unsolved: {reasons([answer for answer, _ in pairs if not answer['solved']]) or 'none'}")
+    missed = [answer["image"] for answer, truth in must if not (answer["solved"] and is_right(answer, truth))]
+    if missed:
+        shown = " ".join(Path(image).stem for image in missed[:12])
+        print(f"           must, but missed: {shown}{' …' if len(missed) > 12 else ''}")
+
+
+def report_errors(right):
+    """Prints errors of right solutions, and how well their σ describe them."""
+    if not right:
+        return
+    errors = [errors_arcsec(answer, truth) for answer, truth in right]
+    axes = [e for error in errors for e in error[:2]]
+    rolls = [error[2] for error in errors]
+    z_axes = [
+        e / s
+        for (answer, _), error in zip(right, errors)
+        for e, s in ((error[0], answer["sigma_east_arcsec"]), (error[1], answer["sigma_north_arcsec"]))
+        if s > 0
+    ]
+    z_roll = [error[2] / a["sigma_roll_arcsec"] for (a, _), error in zip(right, errors) if a["sigma_roll_arcsec"] > 0]
+
+    def coverage(z):
+        if not z:
+            return "no σ"
+        within = [100 * sum(abs(v) <= k for v in z) / len(z) for k in (1, 2, 3)]
+        chi2 = sum(v * v for v in z) / len(z)
+        return f"χ² {chi2:.2f}, within 1/2/3 σ {within[0]:.0f}/{within[1]:.0f}/{within[2]:.1f} %"
+
+    scale = [(a["platescale_arcsec_px"] / t["platescale_arcsec_px"] - 1) * 1e6 for a, t in right]
+    matched = sorted(answer["matched"] for answer, _ in right)
+    print(
+        f"           per axis ″ rms {rms(axes):.2f} median {percentile([abs(e) for e in axes], 50):.2f} ({coverage(z_axes)}); "
+        f"roll ″ rms {rms(rolls):.1f} median {percentile([abs(r) for r in rolls], 50):.1f} ({coverage(z_roll)}); "
+        f"plate scale rms {rms(scale):.0f} ppm; matched {matched[0]}/{matched[len(matched) // 2]}/{matched[-1]}"
+    )
+
+
+def report_kinds(pairs):
+    """Prints what each kind measured; returns pairs by kind."""
+    kinds = {}
+    for answer, truth in pairs:
+        kinds.setdefault(truth["kind"], []).append((answer, truth))
+    for kind, of_kind in kinds.items():
+        report_kind(kind, of_kind)
+    return kinds
+
+
+def wrong_of(pairs):
+    """Names of the images with a wrong solution."""
+    return [answer["image"] for answer, truth in pairs if answer["solved"] and not is_right(answer, truth)]
+
+
+def score_measured(verdict, directory):
+    """Kinds without a rate to reach; none may be wrong."""
+    pairs = read_directory(directory)
+    report_kinds(pairs)
+    wrong = wrong_of(pairs)
+    verdict("no wrong solution", f"{len(wrong)} of {len(pairs)} wrong {wrong[:5] or ''}".rstrip(), not wrong)
+
+
+def score_rendered(verdict, directory):
+    """98 % of must solved, none wrong."""
+    pairs = read_directory(directory)
+    report_kinds(pairs)
+    must = [pair for pair in pairs if pair[1]["must"]]
+    right = sum(1 for answer, truth in must if answer["solved"] and is_right(answer, truth))
+    rate = 100 * right / len(must) if must else 0.0
+    verdict("98 % of must solved right", f"{right} of {len(must)} ({rate:.1f} %) of {len(pairs)} frames", rate >= 98)
+    wrong = wrong_of(pairs)
+    verdict("no wrong solution", f"{len(wrong)} wrong {wrong[:5] or ''}".rstrip(), not wrong)
+
+
+def score_none(verdict, directory, what):
+    """No frame may be solved."""
+    pairs = read_directory(directory)
+    times = [answer["time_ms"]["total"] for answer, _ in pairs]
+    print(f"ended as: {reasons([answer for answer, _ in pairs])}")
+    print(f"ms median {percentile(times, 50):.2f} p95 {percentile(times, 95):.2f} max {max(times):.2f}")
+    solved = [answer["image"] for answer, _ in pairs if answer["solved"]]
+    verdict(f"no solution of {what}", f"{len(solved)} of {len(pairs)} solved {solved[:5] or ''}".rstrip(), not solved)
+
+
+def score_real(verdict, truth_file, answers_file, group):
+    """The real images of a group (`flight` or `esa`) against their reference."""
+    answers = {Path(answer["image"]).name: answer for answer in read_lines(answers_file)}
+    truths = [t for t in json.loads(Path(truth_file).read_text())["images"] if t["file"].startswith(group + "/")]
+    for truth in truths:
+        name = Path(truth["file"]).name
+        answer = answers.get(name)
+        if answer is None:
+            verdict(f"{name} answered", "no answer", False)
+            continue
+        if not answer["solved"]:
+            verdict(f"{name} solved", f"{answer['reason']}: {answer['detail']}", False)
+            continue
+        east, north, roll = errors_arcsec(answer, truth)
+        distance = math.hypot(east, north)
+        print(
+            f"{name}: east {east:+.2f}″ (σ {answer['sigma_east_arcsec']:.2f}) north {north:+.2f}″ (σ {answer['sigma_north_arcsec']:.2f}) "
+            f"roll {roll:+.1f}″ (σ {answer['sigma_roll_arcsec']:.1f}) scale {answer['platescale_arcsec_px']:.4f}″/px "
+            f"rms {answer['rms_px']:.2f} px false 10^{answer['false_probability_log10']:.0f} {answer['time_ms']['total']:.1f} ms"
+        )
+        if group == "flight":
+            # The star images of 2012 are trailed.
+            limit, matched = (4.0 if name.startswith("2012") else 1.5), 12
+            verdict(f"{name} solved in normal mode", answer["mode"], answer["mode"] == "normal")
+            verdict("roll within 60″", f"{abs(roll):.1f}″", abs(roll) <= 60)
+            score_horizontal(verdict, answer, truth["horizontal_without_precession"])
+        else:
+            limit, matched = 8.0, 20
+        verdict(f"{name} within {limit}″", f"{distance:.2f}″", distance <= limit)
+        verdict(f"{matched} or more matched", answer["matched"], answer["matched"] >= matched)
+
+
+def score_horizontal(verdict, answer, truth):
+    """Azimuth, elevation and horizontal roll within 0.3°."""
+    if answer.get("az_deg") is None:
+        verdict("horizontal coordinates", "none", False)
+        return
+    pairs = (("az_deg", "az_deg"), ("el_deg", "el_deg"), ("horizontal_roll_deg", "roll_deg"))
+    off = [abs((answer[ours] - truth[theirs] + 180) % 360 - 180) for ours, theirs in pairs]
+    got = "azimuth {:.3f}°, elevation {:.3f}°, roll {:.3f}°".format(*off)
+    verdict("azimuth, elevation and horizontal roll within 0.3°", got, max(off) <= 0.3)
+
+
+def main(arguments):
+    """Runs one row; the exit status says whether all passed."""
+    verdict = Verdict()
+    match arguments:
+        case [("flight" | "esa") as group, truth, answers]:
+            score_real(verdict, truth, answers, group)
+        case ["rendered", directory]:
+            score_rendered(verdict, directory)
+        case ["measured", directory]:
+            score_measured(verdict, directory)
+        case ["nostars", directory]:
+            score_none(verdict, directory, "frames without stars")
+        case ["mirrored", directory]:
+            score_none(verdict, directory, "starry frames against the mirrored sky")
+        case _:
+            sys.exit(__doc__)
+    return 1 if verdict.failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
