@@ -119,7 +119,7 @@ fn the_command_line_takes_toml_values_bare_words_and_spans_of_time() {
     assert_eq!(set("network.peers=[\"10.0.0.3\"]").unwrap().settings.network.peers, ["10.0.0.3"]);
     assert_eq!(set("solver.mask.fields=[1, 0x80000000, 0]").unwrap().settings.solver.mask.fields, [1, 0x8000_0000, 0]);
     assert_eq!(set("catalog.file=").unwrap().settings.catalog.file, "");
-    assert_eq!(set(" solver.robust = false ").unwrap().settings.solver.robust, false);
+    assert!(!set(" solver.robust = false ").unwrap().settings.solver.robust);
     for (text, seconds) in [("7", 7.0), ("7.5", 7.5), ("250ms", 0.25), ("\"40s\"", 40.0), ("2m", 120.0), ("1_000", 1000.0)] {
         assert_eq!(set(&format!("solver.timeout_s={text}")).unwrap().settings.solver.timeout_s, seconds, "{text}");
     }
