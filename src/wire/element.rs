@@ -74,10 +74,17 @@ little_endian! {
 }
 
 /// A value with its flag: on the wire `<name>_known`, then the value, which is all zero bytes where it is not known.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct Maybe<T> {
     known: bool,
     value: T,
+}
+
+/// Two values that are not known are equal, whatever bytes stand in their place.
+impl<T: PartialEq> PartialEq for Maybe<T> {
+    fn eq(&self, other: &Self) -> bool {
+        self.get() == other.get()
+    }
 }
 
 impl<T: Default> Maybe<T> {
@@ -104,12 +111,11 @@ impl<T: Element> Element for Maybe<T> {
     const SIZE: usize = 1 + T::SIZE;
 
     fn describe(table: &mut Table, about: &About) {
-        let flag = About {
-            name: format!("{}_known", about.name),
-            unit: "",
-            range: None,
-            meaning: format!("Whether the following is known: {}", about.meaning),
+        let meaning = match T::STRUCT {
+            Some(_) => format!("Whether the fields that need it are known. {}", about.meaning),
+            None => format!("Whether `{}` is known.", about.name),
         };
+        let flag = About { name: format!("{}_known", about.name), unit: "", range: None, meaning };
         bool::describe(table, &flag);
         table.governed(|table| T::describe(table, about));
     }

@@ -1,0 +1,640 @@
+/* The wire between a star camera and its flight computers, as C structs.
+ *
+ * Made from the layout tables of the program by `STARS_BLESS=1 cargo test --test proto`; not to be edited.
+ * The meaning of it all is in ICD.md and README.md beside this file.
+ *
+ * All structs are packed and little-endian, as on the wire: overlay one on the body of a frame. A flag `x_known` is 1
+ * where `x` is known and 0 where it is not; then `x` is all zero bytes. Copy a number out of a packed struct before
+ * taking its address. `char` arrays end at their first zero byte and may be full, with none.
+ */
+#ifndef STARS_ICD_H
+#define STARS_ICD_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#if !defined(__BYTE_ORDER__) || __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
+#error "these structs are little-endian: on another machine, read the body byte by byte"
+#endif
+
+#define STARS_PACKED __attribute__((packed))
+#ifdef __cplusplus
+#define STARS_ASSERT(condition, message) static_assert(condition, message)
+#else
+#define STARS_ASSERT(condition, message) _Static_assert(condition, message)
+#endif
+
+#define STARS_PORT 2017
+#define STARS_VERSION_MIN 1
+#define STARS_VERSION_CURRENT 1
+#define STARS_SCHEMA_HASH UINT32_C(0xca7534ba)
+#define STARS_SYNC UINT32_C(0x1dfccf1a)
+#define STARS_MAX_FRAME 65536
+
+/* Kinds of message. */
+enum {
+    STARS_KIND_HELLO = 1,
+    STARS_KIND_REFUSE = 2,
+    STARS_KIND_STATUS = 3,
+    STARS_KIND_UPDATE = 4,
+    STARS_KIND_GYRO = 5,
+};
+
+/* Codes of `role`; 0 is never valid. */
+enum {
+    STARS_ROLE_CAMERA = 1,
+    STARS_ROLE_FLIGHT_COMPUTER = 2,
+};
+
+/* Codes of `refusal`; 0 is never valid. */
+enum {
+    STARS_REFUSAL_NO_COMMON_VERSION = 1,
+    STARS_REFUSAL_NOT_A_HELLO = 2,
+    STARS_REFUSAL_WRONG_ROLE = 3,
+    STARS_REFUSAL_ADDRESS_NOT_ALLOWED = 4,
+    STARS_REFUSAL_TOO_MANY_CONNECTIONS = 5,
+    STARS_REFUSAL_REPLACED = 6,
+    STARS_REFUSAL_BAD_MESSAGE = 7,
+    STARS_REFUSAL_SILENT = 8,
+    STARS_REFUSAL_SHUTTING_DOWN = 9,
+};
+
+/* Codes of `clock_quality`; 0 is never valid. */
+enum {
+    STARS_CLOCK_QUALITY_UNSET = 1,
+    STARS_CLOCK_QUALITY_FREE_RUNNING = 2,
+    STARS_CLOCK_QUALITY_SYNCHRONISED = 3,
+};
+
+/* Codes of `last_refusal`; 0 is never valid. */
+enum {
+    STARS_LAST_REFUSAL_NOT_IN_CHARGE = 1,
+    STARS_LAST_REFUSAL_STALE = 2,
+    STARS_LAST_REFUSAL_REPLAYED = 3,
+    STARS_LAST_REFUSAL_OUT_OF_RANGE = 4,
+    STARS_LAST_REFUSAL_BUSY = 5,
+    STARS_LAST_REFUSAL_NOT_ARMED = 6,
+    STARS_LAST_REFUSAL_UNKNOWN_COMMAND = 7,
+    STARS_LAST_REFUSAL_UNSAFE_STATE = 8,
+    STARS_LAST_REFUSAL_NOT_AUTHENTIC = 9,
+};
+
+/* Codes of `reason`; 0 is never valid. */
+enum {
+    STARS_REASON_SOLVED = 1,
+    STARS_REASON_SATURATED = 2,
+    STARS_REASON_TOO_BRIGHT = 3,
+    STARS_REASON_NO_CONTRAST = 4,
+    STARS_REASON_TOO_FEW_SOURCES = 5,
+    STARS_REASON_NO_MATCH = 6,
+    STARS_REASON_UNDECIDED = 7,
+    STARS_REASON_REQUIREMENT = 8,
+    STARS_REASON_TIMED_OUT = 9,
+    STARS_REASON_ABORTED = 10,
+    STARS_REASON_DISABLED = 11,
+    STARS_REASON_SKIPPED = 12,
+    STARS_REASON_UNREADABLE = 13,
+    STARS_REASON_FAILED = 14,
+};
+
+/* Codes of `cause`; 0 is never valid. */
+enum {
+    STARS_CAUSE_OVEREXPOSED = 1,
+    STARS_CAUSE_SATURATED = 2,
+    STARS_CAUSE_NO_CONTRAST = 3,
+    STARS_CAUSE_OUT_OF_FOCUS = 4,
+    STARS_CAUSE_TRAILED = 5,
+    STARS_CAUSE_CLOUDS = 6,
+    STARS_CAUSE_TOO_FEW_STARS = 7,
+    STARS_CAUSE_TOO_MANY_ARTEFACTS = 8,
+    STARS_CAUSE_WRONG_PLATESCALE = 9,
+    STARS_CAUSE_MIRRORED = 10,
+    STARS_CAUSE_WRONG_PRIOR = 11,
+    STARS_CAUSE_LENS_COVERED = 12,
+};
+
+/* Codes of `mode`; 0 is never valid. */
+enum {
+    STARS_MODE_NORMAL = 1,
+    STARS_MODE_ROBUST = 2,
+};
+
+/* First message either way: who is there, and which versions it speaks. */
+typedef struct STARS_PACKED {
+    char magic[8]; /* Always `STARSCAM`. */
+    uint8_t version_min; /* Lowest version of the protocol that the sender speaks. */
+    uint8_t version_current; /* Highest version of the protocol that the sender speaks. */
+    uint8_t schema_hash_known; /* Whether `schema_hash` is known. */
+    uint32_t schema_hash; /* CRC-32 of the sender's layout tables; another number in the same version means that one end was built wrong. Unknown where the sender has no tables to compute it from. */
+    uint8_t role; /* What the sender is. */
+    uint8_t id; /* Which of its kind it is: flight computers are told apart by this number. */
+    char name[16]; /* Its name, for logs. */
+    uint32_t boot_id; /* Number drawn at random at the sender's start: another one means that it started anew. */
+    char build[32]; /* Version of the sender's program. */
+    uint8_t settings_hash_known; /* Whether `settings_hash` is known. */
+    uint32_t settings_hash; /* CRC-32 of the sender's settings. */
+} stars_hello_t;
+STARS_ASSERT(sizeof(stars_hello_t) == 74, "stars_hello_t");
+STARS_ASSERT(offsetof(stars_hello_t, magic) == 0, "stars_hello_t.magic");
+STARS_ASSERT(offsetof(stars_hello_t, version_min) == 8, "stars_hello_t.version_min");
+STARS_ASSERT(offsetof(stars_hello_t, version_current) == 9, "stars_hello_t.version_current");
+STARS_ASSERT(offsetof(stars_hello_t, schema_hash_known) == 10, "stars_hello_t.schema_hash_known");
+STARS_ASSERT(offsetof(stars_hello_t, schema_hash) == 11, "stars_hello_t.schema_hash");
+STARS_ASSERT(offsetof(stars_hello_t, role) == 15, "stars_hello_t.role");
+STARS_ASSERT(offsetof(stars_hello_t, id) == 16, "stars_hello_t.id");
+STARS_ASSERT(offsetof(stars_hello_t, name) == 17, "stars_hello_t.name");
+STARS_ASSERT(offsetof(stars_hello_t, boot_id) == 33, "stars_hello_t.boot_id");
+STARS_ASSERT(offsetof(stars_hello_t, build) == 37, "stars_hello_t.build");
+STARS_ASSERT(offsetof(stars_hello_t, settings_hash_known) == 69, "stars_hello_t.settings_hash_known");
+STARS_ASSERT(offsetof(stars_hello_t, settings_hash) == 70, "stars_hello_t.settings_hash");
+
+/* Last message before the sender closes the connection, where there is time for one. */
+typedef struct STARS_PACKED {
+    uint8_t refusal; /* Why. */
+    uint8_t version_min; /* Lowest version of the protocol that the sender speaks. */
+    uint8_t version_current; /* Highest version of the protocol that the sender speaks. */
+    char detail[96]; /* The reason in words. */
+} stars_refuse_t;
+STARS_ASSERT(sizeof(stars_refuse_t) == 99, "stars_refuse_t");
+STARS_ASSERT(offsetof(stars_refuse_t, refusal) == 0, "stars_refuse_t.refusal");
+STARS_ASSERT(offsetof(stars_refuse_t, version_min) == 1, "stars_refuse_t.version_min");
+STARS_ASSERT(offsetof(stars_refuse_t, version_current) == 2, "stars_refuse_t.version_current");
+STARS_ASSERT(offsetof(stars_refuse_t, detail) == 3, "stars_refuse_t.detail");
+
+/* What a flight computer knows, to the camera every 0.5 s. */
+typedef struct STARS_PACKED {
+    uint32_t sequence; /* Counts the sender's statuses of this connection, from 0. */
+    uint32_t boot_id; /* Number drawn at random at the sender's start: another one means that it started anew. */
+    double uptime_s; /* Time since the sender's start, from a clock that never jumps. [s] */
+    uint8_t claims_charge; /* The sender claims to be in charge. Only what a computer in charge says is acted upon. */
+    uint8_t clock_unix_s_known; /* Whether `clock_unix_s` is known. */
+    double clock_unix_s; /* UTC when this message was made, seconds since 1970. [s] */
+    uint8_t clock_quality; /* How far that clock can be believed. */
+    uint8_t observer_known; /* Whether the fields that need it are known. Where the gondola is and how far the sky has turned. */
+    double latitude_deg; /* Geodetic latitude, north positive. [deg] */
+    double sidereal_time_h; /* Local apparent sidereal time. [h] */
+    uint8_t horizontal_estimate_known; /* Whether the fields that need it are known. The sender's estimate of where this camera looks, against the horizon. */
+    double az_deg; /* Azimuth, from north through east. [deg] */
+    double el_deg; /* Elevation. [deg] */
+    uint8_t equatorial_estimate_known; /* Whether the fields that need it are known. The sender's estimate of where this camera looks, on the sky. */
+    double ra_deg; /* Right ascension, ICRS. [deg] */
+    double dec_deg; /* Declination, ICRS. [deg] */
+    uint8_t trigger_counter_known; /* Whether `trigger_counter` is known. */
+    uint32_t trigger_counter; /* Number of the series of triggers that images downloaded from now on belong to. */
+    uint8_t trigger_image_counter_known; /* Whether `trigger_image_counter` is known. */
+    uint32_t trigger_image_counter; /* The camera's number of the image that the last series made, as the sender expects it. */
+    uint8_t trigger_age_s_known; /* Whether `trigger_age_s` is known. */
+    double trigger_age_s; /* Time since the last trigger pulse began. [s] */
+    uint32_t trigger_pulses; /* Trigger pulses since the sender's start. */
+    uint32_t updates_received; /* Updates received on this connection. */
+    uint8_t last_update_sequence_known; /* Whether `last_update_sequence` is known. */
+    uint32_t last_update_sequence; /* Sequence number of the last update received. */
+} stars_status_t;
+STARS_ASSERT(sizeof(stars_status_t) == 110, "stars_status_t");
+STARS_ASSERT(offsetof(stars_status_t, sequence) == 0, "stars_status_t.sequence");
+STARS_ASSERT(offsetof(stars_status_t, boot_id) == 4, "stars_status_t.boot_id");
+STARS_ASSERT(offsetof(stars_status_t, uptime_s) == 8, "stars_status_t.uptime_s");
+STARS_ASSERT(offsetof(stars_status_t, claims_charge) == 16, "stars_status_t.claims_charge");
+STARS_ASSERT(offsetof(stars_status_t, clock_unix_s_known) == 17, "stars_status_t.clock_unix_s_known");
+STARS_ASSERT(offsetof(stars_status_t, clock_unix_s) == 18, "stars_status_t.clock_unix_s");
+STARS_ASSERT(offsetof(stars_status_t, clock_quality) == 26, "stars_status_t.clock_quality");
+STARS_ASSERT(offsetof(stars_status_t, observer_known) == 27, "stars_status_t.observer_known");
+STARS_ASSERT(offsetof(stars_status_t, latitude_deg) == 28, "stars_status_t.latitude_deg");
+STARS_ASSERT(offsetof(stars_status_t, sidereal_time_h) == 36, "stars_status_t.sidereal_time_h");
+STARS_ASSERT(offsetof(stars_status_t, horizontal_estimate_known) == 44, "stars_status_t.horizontal_estimate_known");
+STARS_ASSERT(offsetof(stars_status_t, az_deg) == 45, "stars_status_t.az_deg");
+STARS_ASSERT(offsetof(stars_status_t, el_deg) == 53, "stars_status_t.el_deg");
+STARS_ASSERT(offsetof(stars_status_t, equatorial_estimate_known) == 61, "stars_status_t.equatorial_estimate_known");
+STARS_ASSERT(offsetof(stars_status_t, ra_deg) == 62, "stars_status_t.ra_deg");
+STARS_ASSERT(offsetof(stars_status_t, dec_deg) == 70, "stars_status_t.dec_deg");
+STARS_ASSERT(offsetof(stars_status_t, trigger_counter_known) == 78, "stars_status_t.trigger_counter_known");
+STARS_ASSERT(offsetof(stars_status_t, trigger_counter) == 79, "stars_status_t.trigger_counter");
+STARS_ASSERT(offsetof(stars_status_t, trigger_image_counter_known) == 83, "stars_status_t.trigger_image_counter_known");
+STARS_ASSERT(offsetof(stars_status_t, trigger_image_counter) == 84, "stars_status_t.trigger_image_counter");
+STARS_ASSERT(offsetof(stars_status_t, trigger_age_s_known) == 88, "stars_status_t.trigger_age_s_known");
+STARS_ASSERT(offsetof(stars_status_t, trigger_age_s) == 89, "stars_status_t.trigger_age_s");
+STARS_ASSERT(offsetof(stars_status_t, trigger_pulses) == 97, "stars_status_t.trigger_pulses");
+STARS_ASSERT(offsetof(stars_status_t, updates_received) == 101, "stars_status_t.updates_received");
+STARS_ASSERT(offsetof(stars_status_t, last_update_sequence_known) == 105, "stars_status_t.last_update_sequence_known");
+STARS_ASSERT(offsetof(stars_status_t, last_update_sequence) == 106, "stars_status_t.last_update_sequence");
+
+/* A source in an image. */
+typedef struct STARS_PACKED {
+    float x_px; /* Column in file order, centres of pixels at integers. [px] */
+    float y_px; /* Row in file order. [px] */
+    float sigma_px; /* One standard deviation of the position per axis. [px] */
+    float flux_adu; /* Flux above the surroundings. [ADU] */
+    float peak_adu; /* Highest pixel above the surroundings. [ADU] */
+    float snr; /* Signal over noise of the matched filter. */
+    uint8_t saturated; /* A pixel of it is saturated. */
+    uint8_t star_id_known; /* Whether `star_id` is known. */
+    uint32_t star_id; /* The star that it was matched to, by its place in the camera's catalogue, brightest first. */
+} stars_source_t;
+STARS_ASSERT(sizeof(stars_source_t) == 30, "stars_source_t");
+STARS_ASSERT(offsetof(stars_source_t, x_px) == 0, "stars_source_t.x_px");
+STARS_ASSERT(offsetof(stars_source_t, y_px) == 4, "stars_source_t.y_px");
+STARS_ASSERT(offsetof(stars_source_t, sigma_px) == 8, "stars_source_t.sigma_px");
+STARS_ASSERT(offsetof(stars_source_t, flux_adu) == 12, "stars_source_t.flux_adu");
+STARS_ASSERT(offsetof(stars_source_t, peak_adu) == 16, "stars_source_t.peak_adu");
+STARS_ASSERT(offsetof(stars_source_t, snr) == 20, "stars_source_t.snr");
+STARS_ASSERT(offsetof(stars_source_t, saturated) == 24, "stars_source_t.saturated");
+STARS_ASSERT(offsetof(stars_source_t, star_id_known) == 25, "stars_source_t.star_id_known");
+STARS_ASSERT(offsetof(stars_source_t, star_id) == 26, "stars_source_t.star_id");
+
+/* Everything that the camera tells a flight computer, every 0.5 s on a steady schedule. */
+typedef struct STARS_PACKED {
+    uint32_t sequence; /* Counts the updates of this connection, from 0. */
+    uint32_t boot_id; /* Number drawn at random at the camera's start: another one means that it started anew. */
+    double uptime_s; /* Time since the camera program's start, from a clock that never jumps. [s] */
+    uint8_t clock_unix_s_known; /* Whether `clock_unix_s` is known. */
+    double clock_unix_s; /* UTC when this message was made, seconds since 1970. [s] */
+    uint8_t clock_quality; /* How far that clock can be believed. */
+    uint32_t settings_hash; /* CRC-32 of the settings in force. */
+    uint8_t simulated_camera; /* Images do not come from a real camera. */
+    uint8_t simulated_lens; /* The lens is not a real one. */
+    uint32_t statuses_received; /* Statuses received from this flight computer on this connection. */
+    uint8_t last_status_sequence_known; /* Whether `last_status_sequence` is known. */
+    uint32_t last_status_sequence; /* Sequence number of the last status received on this connection. */
+    uint8_t last_status_age_s_known; /* Whether `last_status_age_s` is known. */
+    double last_status_age_s; /* Age of that status. [s] */
+    uint32_t status_values_withheld; /* Values in this connection's statuses that were out of range and taken as not known. */
+    uint8_t in_charge_id_known; /* Whether `in_charge_id` is known. */
+    uint8_t in_charge_id; /* The flight computer in charge, by the `id` of its hello. */
+    uint8_t in_charge_since_s_known; /* Whether `in_charge_since_s` is known. */
+    double in_charge_since_s; /* Uptime of the camera at which it came to be in charge. [s] */
+    uint8_t you_are_in_charge; /* Whether the receiver of this update is in charge. */
+    uint8_t claims; /* How many connected flight computers claim to be in charge. */
+    uint32_t commands_accepted; /* Commands accepted since the camera's start. */
+    uint32_t commands_refused; /* Commands refused since the camera's start. */
+    uint8_t last_refusal_known; /* Whether `last_refusal` is known. */
+    uint8_t last_refusal; /* Why the last one was refused. */
+    uint32_t frames_taken; /* Frames that the camera gave. */
+    uint32_t frames_solved; /* Frames solved. */
+    uint32_t frames_skipped; /* Frames replaced by a newer one before their turn. */
+    uint32_t frames_lost; /* Frames or records that should have been kept and were not. */
+    uint32_t restarts_camera; /* Times that the camera's actor was started again. */
+    uint32_t restarts_solver; /* Times that the solver's actor was started again. */
+    uint32_t restarts_hub; /* Times that the hub was started again. */
+    uint32_t restarts_recorder; /* Times that the recorder was started again. */
+    uint32_t restarts_server; /* Times that the server for flight computers, or a session in it, was started again after it broke. */
+    uint32_t links_refused; /* Connections closed because of what the other end sent. */
+    uint8_t solving; /* A frame is being solved. */
+    uint8_t temperature_lens_c_known; /* Whether `temperature_lens_c` is known. */
+    double temperature_lens_c; /* Temperature of the lens. [°C] */
+    uint8_t temperature_computer_c_known; /* Whether `temperature_computer_c` is known. */
+    double temperature_computer_c; /* Temperature of the computer. [°C] */
+    uint8_t temperature_vessel_c_known; /* Whether `temperature_vessel_c` is known. */
+    double temperature_vessel_c; /* Temperature of the vessel. [°C] */
+    uint8_t temperature_plate_c_known; /* Whether `temperature_plate_c` is known. */
+    double temperature_plate_c; /* Temperature of the plate. [°C] */
+    uint8_t temperature_dcdc_c_known; /* Whether `temperature_dcdc_c` is known. */
+    double temperature_dcdc_c; /* Temperature of the DC-DC converter. [°C] */
+    uint8_t temperature_flange_c_known; /* Whether `temperature_flange_c` is known. */
+    double temperature_flange_c; /* Temperature of the flange. [°C] */
+    uint8_t pressure_atm_known; /* Whether `pressure_atm` is known. */
+    double pressure_atm; /* Pressure in the vessel. [atm] */
+    uint8_t disk_free_gib_known; /* Whether `disk_free_gib` is known. */
+    double disk_free_gib; /* Free space on the disk that records go to, in units of 2^30 bytes. [GiB] */
+    uint32_t next_image_counter; /* Number that the next image will receive. */
+    uint8_t gain_db_known; /* Whether `gain_db` is known. */
+    double gain_db; /* Gain; known only while no change of it is under way. [dB] */
+    uint8_t focus_counts_known; /* Whether `focus_counts` is known. */
+    int32_t focus_counts; /* Focus position, encoder counts; known only while no change of it is under way. [counts] */
+    uint8_t aperture_counts_known; /* Whether `aperture_counts` is known. */
+    int32_t aperture_counts; /* Aperture position, 0 is fully open; known only while no change of it is under way. [counts] */
+    uint8_t image_known; /* Whether the fields that need it are known. The last image that ended in an outcome. */
+    uint32_t image_counter; /* The camera's number of the image. */
+    uint8_t image_trigger_counter_known; /* Whether `image_trigger_counter` is known. */
+    uint32_t image_trigger_counter; /* The flight computer's number of the series of triggers that the image belongs to. */
+    uint8_t exposures; /* Exposures co-added into the image. */
+    uint8_t exposure_s_known; /* Whether `exposure_s` is known. */
+    double exposure_s; /* Exposure time of one exposure. [s] */
+    uint8_t captured_unix_s_known; /* Whether `captured_unix_s` is known. */
+    double captured_unix_s; /* Middle of the exposure, UTC, seconds since 1970. [s] */
+    uint8_t captured_quality_known; /* Whether `captured_quality` is known. */
+    uint8_t captured_quality; /* How far the clock that stamped it could be believed. */
+    uint8_t image_age_s_known; /* Whether `image_age_s` is known. */
+    double image_age_s; /* Time from the capture to this update, from a clock that never jumps. [s] */
+    uint8_t reason; /* How the image ended. */
+    uint8_t cause_known; /* Whether `cause` is known. */
+    uint8_t cause; /* What the image's own evidence says was wrong. */
+    char detail[120]; /* The reason in words, cut where it is longer. */
+    uint8_t mode; /* How sources were searched for. */
+    uint8_t statistics_known; /* Whether the fields that need it are known. Statistics, where the image was looked at. */
+    double mean_adu; /* Mean of the cells' means. [ADU] */
+    double noise_adu; /* Median of the cells' standard deviations. [ADU] */
+    uint8_t measured_gain_adu_per_e_known; /* Whether `measured_gain_adu_per_e` is known. */
+    double measured_gain_adu_per_e; /* Gain measured from photon noise. [ADU/e-] */
+    uint8_t measured_gain_db_known; /* Whether `measured_gain_db` is known. */
+    double measured_gain_db; /* The same against the camera's gain at 0 dB: 20 log10(gain / ideal gain). [dB] */
+    uint32_t saturated_px; /* Saturated pixels. [px] */
+    double saturated_fraction; /* Saturated pixels as a fraction of the image. */
+    uint8_t fwhm_px_known; /* Whether `fwhm_px` is known. */
+    double fwhm_px; /* Median full width at half maximum of the better sources. [px] */
+    uint8_t focus_metric_adu_known; /* Whether `focus_metric_adu` is known. */
+    double focus_metric_adu; /* Peak of the brightest source, by which focus is judged. [ADU] */
+    uint16_t sources_found; /* Sources found. */
+    uint16_t sources_tried; /* Sources that patterns were made of. */
+    uint16_t sources_matched; /* Sources matched to stars; 0 where not solved. */
+    uint32_t candidates_tried; /* Candidate attitudes screened. */
+    uint8_t solve_time_ms_known; /* Whether `solve_time_ms` is known. */
+    double solve_time_ms; /* From pixels in memory to the outcome. [ms] */
+    uint8_t equatorial_known; /* Whether the fields that need it are known. The pointing, where solved. */
+    double ra_deg; /* Right ascension of the boresight, ICRS. [deg] */
+    double dec_deg; /* Declination of the boresight, ICRS. [deg] */
+    double roll_deg; /* Position angle of the image's up direction, from North through East. [deg] */
+    double sigma_east_arcsec; /* One standard deviation towards East, on the sky. [arcsec] */
+    double sigma_north_arcsec; /* One standard deviation towards North. [arcsec] */
+    double sigma_roll_arcsec; /* One standard deviation of the roll. [arcsec] */
+    double sigma_pointing_arcsec; /* Mean of the standard deviations towards East and North. [arcsec] */
+    double covariance_arcsec2[3][3]; /* Covariance, rows and columns in the order East, North, roll. [arcsec^2] */
+    double platescale_arcsec_px; /* Plate scale at the centre. [arcsec/px] */
+    uint8_t sigma_platescale_arcsec_px_known; /* Whether `sigma_platescale_arcsec_px` is known. */
+    double sigma_platescale_arcsec_px; /* One standard deviation of the plate scale. [arcsec/px] */
+    uint8_t distortion_k1_known; /* Whether `distortion_k1` is known. */
+    double distortion_k1; /* Radial distortion at the half diagonal. */
+    double rms_px; /* Root mean square of the residuals per axis. [px] */
+    uint8_t chi2_per_dof_known; /* Whether `chi2_per_dof` is known. */
+    double chi2_per_dof; /* Weighted sum of squared residuals over the degrees of freedom. */
+    uint8_t false_probability_log10_known; /* Whether `false_probability_log10` is known. */
+    double false_probability_log10; /* Upper bound on the probability that this pointing is false, as a power of ten. */
+    uint8_t epoch_yr_known; /* Whether `epoch_yr` is known. */
+    double epoch_yr; /* Julian year that the stars were moved to by proper motion. [yr] */
+    uint8_t horizontal_known; /* Whether the fields that need it are known. The same pointing against the horizon, where latitude and sidereal time were known. */
+    double az_deg; /* Azimuth of the boresight, from north through east. [deg] */
+    double el_deg; /* Elevation of the boresight. [deg] */
+    double horizontal_roll_deg; /* Angle of the image's up direction from the zenith, positive towards growing azimuth. [deg] */
+    double sigma_az_arcsec; /* One standard deviation along growing azimuth, on the sky. [arcsec] */
+    double sigma_el_arcsec; /* One standard deviation in elevation. [arcsec] */
+    double sigma_horizontal_roll_arcsec; /* One standard deviation of the horizontal roll. [arcsec] */
+    double sigma_horizontal_pointing_arcsec; /* Mean of the standard deviations along azimuth and in elevation. [arcsec] */
+    double latitude_deg; /* Geodetic latitude, north positive. [deg] */
+    double sidereal_time_h; /* Local apparent sidereal time. [h] */
+    uint8_t equinox_yr_known; /* Whether `equinox_yr` is known. */
+    double equinox_yr; /* Julian year of the equinox that sidereal time was taken to refer to; unknown where ICRS was taken as it is. [yr] */
+    uint8_t prior_disagreement_deg_known; /* Whether `prior_disagreement_deg` is known. */
+    double prior_disagreement_deg; /* How far the pointing lies from the prior that it disagrees with; unknown where it agrees or there was none. [deg] */
+    uint8_t corrected_proper_motion; /* Stars were moved to the epoch of observation. */
+    uint8_t corrected_aberration; /* The velocity of the Earth was allowed for. */
+    uint8_t corrected_precession; /* Azimuth and elevation refer to the equinox of date. */
+    uint8_t corrected_refraction; /* The bending of light in the air was allowed for. */
+    uint8_t corrected_distortion; /* The distortion of the optics was fitted or given. */
+    uint8_t sources_count; /* How many of the sources below there are. */
+    stars_source_t sources[20]; /* The first sources, brightest first, solved or not. */
+} stars_update_t;
+STARS_ASSERT(sizeof(stars_update_t) == 1348, "stars_update_t");
+STARS_ASSERT(offsetof(stars_update_t, sequence) == 0, "stars_update_t.sequence");
+STARS_ASSERT(offsetof(stars_update_t, boot_id) == 4, "stars_update_t.boot_id");
+STARS_ASSERT(offsetof(stars_update_t, uptime_s) == 8, "stars_update_t.uptime_s");
+STARS_ASSERT(offsetof(stars_update_t, clock_unix_s_known) == 16, "stars_update_t.clock_unix_s_known");
+STARS_ASSERT(offsetof(stars_update_t, clock_unix_s) == 17, "stars_update_t.clock_unix_s");
+STARS_ASSERT(offsetof(stars_update_t, clock_quality) == 25, "stars_update_t.clock_quality");
+STARS_ASSERT(offsetof(stars_update_t, settings_hash) == 26, "stars_update_t.settings_hash");
+STARS_ASSERT(offsetof(stars_update_t, simulated_camera) == 30, "stars_update_t.simulated_camera");
+STARS_ASSERT(offsetof(stars_update_t, simulated_lens) == 31, "stars_update_t.simulated_lens");
+STARS_ASSERT(offsetof(stars_update_t, statuses_received) == 32, "stars_update_t.statuses_received");
+STARS_ASSERT(offsetof(stars_update_t, last_status_sequence_known) == 36, "stars_update_t.last_status_sequence_known");
+STARS_ASSERT(offsetof(stars_update_t, last_status_sequence) == 37, "stars_update_t.last_status_sequence");
+STARS_ASSERT(offsetof(stars_update_t, last_status_age_s_known) == 41, "stars_update_t.last_status_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, last_status_age_s) == 42, "stars_update_t.last_status_age_s");
+STARS_ASSERT(offsetof(stars_update_t, status_values_withheld) == 50, "stars_update_t.status_values_withheld");
+STARS_ASSERT(offsetof(stars_update_t, in_charge_id_known) == 54, "stars_update_t.in_charge_id_known");
+STARS_ASSERT(offsetof(stars_update_t, in_charge_id) == 55, "stars_update_t.in_charge_id");
+STARS_ASSERT(offsetof(stars_update_t, in_charge_since_s_known) == 56, "stars_update_t.in_charge_since_s_known");
+STARS_ASSERT(offsetof(stars_update_t, in_charge_since_s) == 57, "stars_update_t.in_charge_since_s");
+STARS_ASSERT(offsetof(stars_update_t, you_are_in_charge) == 65, "stars_update_t.you_are_in_charge");
+STARS_ASSERT(offsetof(stars_update_t, claims) == 66, "stars_update_t.claims");
+STARS_ASSERT(offsetof(stars_update_t, commands_accepted) == 67, "stars_update_t.commands_accepted");
+STARS_ASSERT(offsetof(stars_update_t, commands_refused) == 71, "stars_update_t.commands_refused");
+STARS_ASSERT(offsetof(stars_update_t, last_refusal_known) == 75, "stars_update_t.last_refusal_known");
+STARS_ASSERT(offsetof(stars_update_t, last_refusal) == 76, "stars_update_t.last_refusal");
+STARS_ASSERT(offsetof(stars_update_t, frames_taken) == 77, "stars_update_t.frames_taken");
+STARS_ASSERT(offsetof(stars_update_t, frames_solved) == 81, "stars_update_t.frames_solved");
+STARS_ASSERT(offsetof(stars_update_t, frames_skipped) == 85, "stars_update_t.frames_skipped");
+STARS_ASSERT(offsetof(stars_update_t, frames_lost) == 89, "stars_update_t.frames_lost");
+STARS_ASSERT(offsetof(stars_update_t, restarts_camera) == 93, "stars_update_t.restarts_camera");
+STARS_ASSERT(offsetof(stars_update_t, restarts_solver) == 97, "stars_update_t.restarts_solver");
+STARS_ASSERT(offsetof(stars_update_t, restarts_hub) == 101, "stars_update_t.restarts_hub");
+STARS_ASSERT(offsetof(stars_update_t, restarts_recorder) == 105, "stars_update_t.restarts_recorder");
+STARS_ASSERT(offsetof(stars_update_t, restarts_server) == 109, "stars_update_t.restarts_server");
+STARS_ASSERT(offsetof(stars_update_t, links_refused) == 113, "stars_update_t.links_refused");
+STARS_ASSERT(offsetof(stars_update_t, solving) == 117, "stars_update_t.solving");
+STARS_ASSERT(offsetof(stars_update_t, temperature_lens_c_known) == 118, "stars_update_t.temperature_lens_c_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_lens_c) == 119, "stars_update_t.temperature_lens_c");
+STARS_ASSERT(offsetof(stars_update_t, temperature_computer_c_known) == 127, "stars_update_t.temperature_computer_c_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_computer_c) == 128, "stars_update_t.temperature_computer_c");
+STARS_ASSERT(offsetof(stars_update_t, temperature_vessel_c_known) == 136, "stars_update_t.temperature_vessel_c_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_vessel_c) == 137, "stars_update_t.temperature_vessel_c");
+STARS_ASSERT(offsetof(stars_update_t, temperature_plate_c_known) == 145, "stars_update_t.temperature_plate_c_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_plate_c) == 146, "stars_update_t.temperature_plate_c");
+STARS_ASSERT(offsetof(stars_update_t, temperature_dcdc_c_known) == 154, "stars_update_t.temperature_dcdc_c_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_dcdc_c) == 155, "stars_update_t.temperature_dcdc_c");
+STARS_ASSERT(offsetof(stars_update_t, temperature_flange_c_known) == 163, "stars_update_t.temperature_flange_c_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_flange_c) == 164, "stars_update_t.temperature_flange_c");
+STARS_ASSERT(offsetof(stars_update_t, pressure_atm_known) == 172, "stars_update_t.pressure_atm_known");
+STARS_ASSERT(offsetof(stars_update_t, pressure_atm) == 173, "stars_update_t.pressure_atm");
+STARS_ASSERT(offsetof(stars_update_t, disk_free_gib_known) == 181, "stars_update_t.disk_free_gib_known");
+STARS_ASSERT(offsetof(stars_update_t, disk_free_gib) == 182, "stars_update_t.disk_free_gib");
+STARS_ASSERT(offsetof(stars_update_t, next_image_counter) == 190, "stars_update_t.next_image_counter");
+STARS_ASSERT(offsetof(stars_update_t, gain_db_known) == 194, "stars_update_t.gain_db_known");
+STARS_ASSERT(offsetof(stars_update_t, gain_db) == 195, "stars_update_t.gain_db");
+STARS_ASSERT(offsetof(stars_update_t, focus_counts_known) == 203, "stars_update_t.focus_counts_known");
+STARS_ASSERT(offsetof(stars_update_t, focus_counts) == 204, "stars_update_t.focus_counts");
+STARS_ASSERT(offsetof(stars_update_t, aperture_counts_known) == 208, "stars_update_t.aperture_counts_known");
+STARS_ASSERT(offsetof(stars_update_t, aperture_counts) == 209, "stars_update_t.aperture_counts");
+STARS_ASSERT(offsetof(stars_update_t, image_known) == 213, "stars_update_t.image_known");
+STARS_ASSERT(offsetof(stars_update_t, image_counter) == 214, "stars_update_t.image_counter");
+STARS_ASSERT(offsetof(stars_update_t, image_trigger_counter_known) == 218, "stars_update_t.image_trigger_counter_known");
+STARS_ASSERT(offsetof(stars_update_t, image_trigger_counter) == 219, "stars_update_t.image_trigger_counter");
+STARS_ASSERT(offsetof(stars_update_t, exposures) == 223, "stars_update_t.exposures");
+STARS_ASSERT(offsetof(stars_update_t, exposure_s_known) == 224, "stars_update_t.exposure_s_known");
+STARS_ASSERT(offsetof(stars_update_t, exposure_s) == 225, "stars_update_t.exposure_s");
+STARS_ASSERT(offsetof(stars_update_t, captured_unix_s_known) == 233, "stars_update_t.captured_unix_s_known");
+STARS_ASSERT(offsetof(stars_update_t, captured_unix_s) == 234, "stars_update_t.captured_unix_s");
+STARS_ASSERT(offsetof(stars_update_t, captured_quality_known) == 242, "stars_update_t.captured_quality_known");
+STARS_ASSERT(offsetof(stars_update_t, captured_quality) == 243, "stars_update_t.captured_quality");
+STARS_ASSERT(offsetof(stars_update_t, image_age_s_known) == 244, "stars_update_t.image_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, image_age_s) == 245, "stars_update_t.image_age_s");
+STARS_ASSERT(offsetof(stars_update_t, reason) == 253, "stars_update_t.reason");
+STARS_ASSERT(offsetof(stars_update_t, cause_known) == 254, "stars_update_t.cause_known");
+STARS_ASSERT(offsetof(stars_update_t, cause) == 255, "stars_update_t.cause");
+STARS_ASSERT(offsetof(stars_update_t, detail) == 256, "stars_update_t.detail");
+STARS_ASSERT(offsetof(stars_update_t, mode) == 376, "stars_update_t.mode");
+STARS_ASSERT(offsetof(stars_update_t, statistics_known) == 377, "stars_update_t.statistics_known");
+STARS_ASSERT(offsetof(stars_update_t, mean_adu) == 378, "stars_update_t.mean_adu");
+STARS_ASSERT(offsetof(stars_update_t, noise_adu) == 386, "stars_update_t.noise_adu");
+STARS_ASSERT(offsetof(stars_update_t, measured_gain_adu_per_e_known) == 394, "stars_update_t.measured_gain_adu_per_e_known");
+STARS_ASSERT(offsetof(stars_update_t, measured_gain_adu_per_e) == 395, "stars_update_t.measured_gain_adu_per_e");
+STARS_ASSERT(offsetof(stars_update_t, measured_gain_db_known) == 403, "stars_update_t.measured_gain_db_known");
+STARS_ASSERT(offsetof(stars_update_t, measured_gain_db) == 404, "stars_update_t.measured_gain_db");
+STARS_ASSERT(offsetof(stars_update_t, saturated_px) == 412, "stars_update_t.saturated_px");
+STARS_ASSERT(offsetof(stars_update_t, saturated_fraction) == 416, "stars_update_t.saturated_fraction");
+STARS_ASSERT(offsetof(stars_update_t, fwhm_px_known) == 424, "stars_update_t.fwhm_px_known");
+STARS_ASSERT(offsetof(stars_update_t, fwhm_px) == 425, "stars_update_t.fwhm_px");
+STARS_ASSERT(offsetof(stars_update_t, focus_metric_adu_known) == 433, "stars_update_t.focus_metric_adu_known");
+STARS_ASSERT(offsetof(stars_update_t, focus_metric_adu) == 434, "stars_update_t.focus_metric_adu");
+STARS_ASSERT(offsetof(stars_update_t, sources_found) == 442, "stars_update_t.sources_found");
+STARS_ASSERT(offsetof(stars_update_t, sources_tried) == 444, "stars_update_t.sources_tried");
+STARS_ASSERT(offsetof(stars_update_t, sources_matched) == 446, "stars_update_t.sources_matched");
+STARS_ASSERT(offsetof(stars_update_t, candidates_tried) == 448, "stars_update_t.candidates_tried");
+STARS_ASSERT(offsetof(stars_update_t, solve_time_ms_known) == 452, "stars_update_t.solve_time_ms_known");
+STARS_ASSERT(offsetof(stars_update_t, solve_time_ms) == 453, "stars_update_t.solve_time_ms");
+STARS_ASSERT(offsetof(stars_update_t, equatorial_known) == 461, "stars_update_t.equatorial_known");
+STARS_ASSERT(offsetof(stars_update_t, ra_deg) == 462, "stars_update_t.ra_deg");
+STARS_ASSERT(offsetof(stars_update_t, dec_deg) == 470, "stars_update_t.dec_deg");
+STARS_ASSERT(offsetof(stars_update_t, roll_deg) == 478, "stars_update_t.roll_deg");
+STARS_ASSERT(offsetof(stars_update_t, sigma_east_arcsec) == 486, "stars_update_t.sigma_east_arcsec");
+STARS_ASSERT(offsetof(stars_update_t, sigma_north_arcsec) == 494, "stars_update_t.sigma_north_arcsec");
+STARS_ASSERT(offsetof(stars_update_t, sigma_roll_arcsec) == 502, "stars_update_t.sigma_roll_arcsec");
+STARS_ASSERT(offsetof(stars_update_t, sigma_pointing_arcsec) == 510, "stars_update_t.sigma_pointing_arcsec");
+STARS_ASSERT(offsetof(stars_update_t, covariance_arcsec2) == 518, "stars_update_t.covariance_arcsec2");
+STARS_ASSERT(offsetof(stars_update_t, platescale_arcsec_px) == 590, "stars_update_t.platescale_arcsec_px");
+STARS_ASSERT(offsetof(stars_update_t, sigma_platescale_arcsec_px_known) == 598, "stars_update_t.sigma_platescale_arcsec_px_known");
+STARS_ASSERT(offsetof(stars_update_t, sigma_platescale_arcsec_px) == 599, "stars_update_t.sigma_platescale_arcsec_px");
+STARS_ASSERT(offsetof(stars_update_t, distortion_k1_known) == 607, "stars_update_t.distortion_k1_known");
+STARS_ASSERT(offsetof(stars_update_t, distortion_k1) == 608, "stars_update_t.distortion_k1");
+STARS_ASSERT(offsetof(stars_update_t, rms_px) == 616, "stars_update_t.rms_px");
+STARS_ASSERT(offsetof(stars_update_t, chi2_per_dof_known) == 624, "stars_update_t.chi2_per_dof_known");
+STARS_ASSERT(offsetof(stars_update_t, chi2_per_dof) == 625, "stars_update_t.chi2_per_dof");
+STARS_ASSERT(offsetof(stars_update_t, false_probability_log10_known) == 633, "stars_update_t.false_probability_log10_known");
+STARS_ASSERT(offsetof(stars_update_t, false_probability_log10) == 634, "stars_update_t.false_probability_log10");
+STARS_ASSERT(offsetof(stars_update_t, epoch_yr_known) == 642, "stars_update_t.epoch_yr_known");
+STARS_ASSERT(offsetof(stars_update_t, epoch_yr) == 643, "stars_update_t.epoch_yr");
+STARS_ASSERT(offsetof(stars_update_t, horizontal_known) == 651, "stars_update_t.horizontal_known");
+STARS_ASSERT(offsetof(stars_update_t, az_deg) == 652, "stars_update_t.az_deg");
+STARS_ASSERT(offsetof(stars_update_t, el_deg) == 660, "stars_update_t.el_deg");
+STARS_ASSERT(offsetof(stars_update_t, horizontal_roll_deg) == 668, "stars_update_t.horizontal_roll_deg");
+STARS_ASSERT(offsetof(stars_update_t, sigma_az_arcsec) == 676, "stars_update_t.sigma_az_arcsec");
+STARS_ASSERT(offsetof(stars_update_t, sigma_el_arcsec) == 684, "stars_update_t.sigma_el_arcsec");
+STARS_ASSERT(offsetof(stars_update_t, sigma_horizontal_roll_arcsec) == 692, "stars_update_t.sigma_horizontal_roll_arcsec");
+STARS_ASSERT(offsetof(stars_update_t, sigma_horizontal_pointing_arcsec) == 700, "stars_update_t.sigma_horizontal_pointing_arcsec");
+STARS_ASSERT(offsetof(stars_update_t, latitude_deg) == 708, "stars_update_t.latitude_deg");
+STARS_ASSERT(offsetof(stars_update_t, sidereal_time_h) == 716, "stars_update_t.sidereal_time_h");
+STARS_ASSERT(offsetof(stars_update_t, equinox_yr_known) == 724, "stars_update_t.equinox_yr_known");
+STARS_ASSERT(offsetof(stars_update_t, equinox_yr) == 725, "stars_update_t.equinox_yr");
+STARS_ASSERT(offsetof(stars_update_t, prior_disagreement_deg_known) == 733, "stars_update_t.prior_disagreement_deg_known");
+STARS_ASSERT(offsetof(stars_update_t, prior_disagreement_deg) == 734, "stars_update_t.prior_disagreement_deg");
+STARS_ASSERT(offsetof(stars_update_t, corrected_proper_motion) == 742, "stars_update_t.corrected_proper_motion");
+STARS_ASSERT(offsetof(stars_update_t, corrected_aberration) == 743, "stars_update_t.corrected_aberration");
+STARS_ASSERT(offsetof(stars_update_t, corrected_precession) == 744, "stars_update_t.corrected_precession");
+STARS_ASSERT(offsetof(stars_update_t, corrected_refraction) == 745, "stars_update_t.corrected_refraction");
+STARS_ASSERT(offsetof(stars_update_t, corrected_distortion) == 746, "stars_update_t.corrected_distortion");
+STARS_ASSERT(offsetof(stars_update_t, sources_count) == 747, "stars_update_t.sources_count");
+STARS_ASSERT(offsetof(stars_update_t, sources) == 748, "stars_update_t.sources");
+
+/* One exposure of a series. */
+typedef struct STARS_PACKED {
+    float start_s; /* Start after the first sample. [s] */
+    float duration_s; /* Length. [s] */
+} stars_exposure_t;
+STARS_ASSERT(sizeof(stars_exposure_t) == 8, "stars_exposure_t");
+STARS_ASSERT(offsetof(stars_exposure_t, start_s) == 0, "stars_exposure_t.start_s");
+STARS_ASSERT(offsetof(stars_exposure_t, duration_s) == 4, "stars_exposure_t.duration_s");
+
+/* One gyro sample. */
+typedef struct STARS_PACKED {
+    float az_rate_deg_s; /* Rate in azimuth about the vertical, growing from north through east; not the rate on the sky, which is smaller by cos(elevation). [deg/s] */
+    float el_rate_deg_s; /* Rate in elevation, upwards. [deg/s] */
+} stars_rates_t;
+STARS_ASSERT(sizeof(stars_rates_t) == 8, "stars_rates_t");
+STARS_ASSERT(offsetof(stars_rates_t, az_rate_deg_s) == 0, "stars_rates_t.az_rate_deg_s");
+STARS_ASSERT(offsetof(stars_rates_t, el_rate_deg_s) == 4, "stars_rates_t.el_rate_deg_s");
+
+/* Gyro rates over one series of exposures, flight computer to camera, once after each series. */
+typedef struct STARS_PACKED {
+    uint32_t trigger_counter; /* The series of triggers, as the flight computer counts them. */
+    uint32_t image_counter; /* The image that the series makes, as the camera counts them. */
+    double start_uptime_s; /* First sample, on the sender's own clock (`uptime_s` of its status). [s] */
+    double sample_rate_hz; /* Samples per second. [Hz] */
+    uint8_t elevation_deg_known; /* Whether `elevation_deg` is known. */
+    double elevation_deg; /* Elevation of the boresight during the series. [deg] */
+    uint8_t exposures_count; /* How many of the exposures below there were. */
+    stars_exposure_t exposures[16]; /* The exposures of the series. */
+    uint16_t samples_count; /* How many of the samples below there are. */
+    stars_rates_t samples[2048]; /* The samples, evenly spaced from the first. */
+} stars_gyro_t;
+STARS_ASSERT(sizeof(stars_gyro_t) == 16548, "stars_gyro_t");
+STARS_ASSERT(offsetof(stars_gyro_t, trigger_counter) == 0, "stars_gyro_t.trigger_counter");
+STARS_ASSERT(offsetof(stars_gyro_t, image_counter) == 4, "stars_gyro_t.image_counter");
+STARS_ASSERT(offsetof(stars_gyro_t, start_uptime_s) == 8, "stars_gyro_t.start_uptime_s");
+STARS_ASSERT(offsetof(stars_gyro_t, sample_rate_hz) == 16, "stars_gyro_t.sample_rate_hz");
+STARS_ASSERT(offsetof(stars_gyro_t, elevation_deg_known) == 24, "stars_gyro_t.elevation_deg_known");
+STARS_ASSERT(offsetof(stars_gyro_t, elevation_deg) == 25, "stars_gyro_t.elevation_deg");
+STARS_ASSERT(offsetof(stars_gyro_t, exposures_count) == 33, "stars_gyro_t.exposures_count");
+STARS_ASSERT(offsetof(stars_gyro_t, exposures) == 34, "stars_gyro_t.exposures");
+STARS_ASSERT(offsetof(stars_gyro_t, samples_count) == 162, "stars_gyro_t.samples_count");
+STARS_ASSERT(offsetof(stars_gyro_t, samples) == 164, "stars_gyro_t.samples");
+
+/* A whole frame inside a buffer. */
+typedef struct {
+    uint8_t kind;
+    uint8_t version;
+    const uint8_t *body;
+    size_t body_size;
+} stars_frame_t;
+
+/* CRC-32 of IEEE 802.3, as in zlib. Begin with `crc` 0; give the result again to go on. */
+static inline uint32_t stars_crc32(uint32_t crc, const uint8_t *bytes, size_t size)
+{
+    crc = ~crc;
+    for (size_t i = 0; i < size; i++) {
+        crc ^= bytes[i];
+        for (int bit = 0; bit < 8; bit++)
+            crc = (crc >> 1) ^ (UINT32_C(0xEDB88320) & (0u - (crc & 1u)));
+    }
+    return ~crc;
+}
+
+static inline uint32_t stars_u32(const uint8_t *bytes)
+{
+    return (uint32_t)bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24;
+}
+
+static inline void stars_put_u32(uint8_t *bytes, uint32_t value)
+{
+    for (int i = 0; i < 4; i++)
+        bytes[i] = (uint8_t)(value >> (8 * i));
+}
+
+/* Takes the first frame of a buffer. Gives the number of bytes that are done with (throw them away): more than 0 with
+ * `frame->body` set where there was a whole frame, with `frame->body` NULL where bytes were skipped; 0 where more bytes
+ * are needed; -1 where a frame is broken (close the connection and connect again). */
+static inline long stars_take_frame(const uint8_t *bytes, size_t size, stars_frame_t *frame)
+{
+    frame->body = NULL;
+    size_t start = 0;
+    while (start + 4 <= size && stars_u32(bytes + start) != STARS_SYNC)
+        start++;
+    if (start > 0 || size < 8)
+        return (long)start;
+    uint32_t length = stars_u32(bytes + 4);
+    if (length < 6 || length > STARS_MAX_FRAME - 8)
+        return -1;
+    if (size < 8 + (size_t)length)
+        return 0;
+    if (stars_crc32(0, bytes + 8, length - 4) != stars_u32(bytes + 4 + length))
+        return -1;
+    frame->kind = bytes[8];
+    frame->version = bytes[9];
+    frame->body = bytes + 10;
+    frame->body_size = length - 6;
+    return (long)length + 8;
+}
+
+/* Puts a frame around a body; gives its size, or 0 where it does not fit. */
+static inline size_t stars_put_frame(uint8_t *out, size_t room, uint8_t kind, const void *body, size_t body_size)
+{
+    size_t size = body_size + 14;
+    if (size > room || size > STARS_MAX_FRAME)
+        return 0;
+    stars_put_u32(out, STARS_SYNC);
+    stars_put_u32(out + 4, (uint32_t)(size - 8));
+    out[8] = kind;
+    out[9] = STARS_VERSION_CURRENT;
+    for (size_t i = 0; i < body_size; i++)
+        out[10 + i] = ((const uint8_t *)body)[i];
+    stars_put_u32(out + size - 4, stars_crc32(0, out + 8, body_size + 2));
+    return size;
+}
+
+#endif
