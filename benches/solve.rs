@@ -1,0 +1,121 @@
+//! How long a frame takes from pixels in memory to outcome: `cargo bench --bench solve -- --kind float --frames 100`.
+//!
+//! Thread CPU time, taken outside `Solver::solve`, one thread, lost in space, shipped settings. The frames are rendered
+//! first and solved once, so that the index is built and memory is warm; then each is solved a few times and its median
+//! counts. The stages are the solver's own account of the same time, and need not add up to the whole.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a bench may end where it stands")]
+
+use clap::Parser;
+use rustix::time::{ClockId, clock_gettime};
+use stars::catalog::Catalogue;
+use stars::image::Frame;
+use stars::settings::Settings;
+use stars::simulate::sky::{Kind, RenderSpec, render};
+use stars::solve::{Outcome, Prior, Reason, Solver, StageTimes, Stop, Watch};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Measures the solver
+#[derive(Debug, Parser)]
+struct Args {
+    /// Kind of frame, as in `stars render --help`
+    #[arg(long, default_value = "float")]
+    kind: Kind,
+    /// Frames
+    #[arg(long, default_value_t = 50)]
+    frames: u64,
+    /// Seed of the frames
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Times that each frame is solved; their median counts
+    #[arg(long, default_value_t = 5)]
+    repeats: usize,
+    /// Given by `cargo bench`
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+/// CPU time of this thread alone: what others on the machine do does not count.
+fn cpu_time() -> Duration {
+    let now = clock_gettime(ClockId::ThreadCPUTime);
+    Duration::new(now.tv_sec.unsigned_abs(), now.tv_nsec.unsigned_abs() as u32)
+}
+
+struct CpuWatch;
+
+impl Watch for CpuWatch {
+    fn elapsed(&self) -> Duration {
+        cpu_time()
+    }
+    fn stop(&self) -> Option<Stop> {
+        None
+    }
+}
+
+/// How a frame is solved.
+type Search = fn(&mut Solver, &Frame) -> Outcome;
+/// A stage's name and how to take its time from an outcome.
+type Stage = (&'static str, fn(&StageTimes) -> Duration);
+
+const SEARCHES: [(&str, Search); 2] = [
+    ("normal", |solver, frame| solver.solve(frame, &Prior::default(), &CpuWatch)),
+    ("robust", |solver, frame| solver.solve_robust(frame, &Prior::default(), &CpuWatch)),
+];
+const STAGES: [Stage; 4] =
+    [("statistics", |t| t.statistics), ("find", |t| t.find), ("match", |t| t.match_), ("fit", |t| t.fit)];
+
+/// The value below which a part of all lies; NaN of none.
+fn quantile(values: &mut [f64], part: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let place = (part * values.len() as f64) as usize;
+    values.get(place.min(values.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
+}
+
+fn ms(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e3
+}
+
+fn main() {
+    let args = Args::parse();
+    let catalogue = Arc::new(Catalogue::embedded().unwrap());
+    let mut settings = Settings::flight().unwrap();
+    // The two searches are measured apart.
+    settings.solver.robust = false;
+    let frames: Vec<Frame> = (0..args.frames)
+        .map(|index| render(&RenderSpec::new(args.kind, args.seed, index), &catalogue).unwrap().frame)
+        .collect();
+    let Some(first) = frames.first() else { return };
+    let mut solver = Solver::new(catalogue, Arc::new(settings));
+    solver.prepare(first.width, first.height);
+    println!("{} {} frames of {} × {} px, seed {}", frames.len(), args.kind, first.width, first.height, args.seed);
+    println!("thread CPU time, median of {} runs each\n", args.repeats);
+    println!("{:<22} {:>9} {:>9} {:>9} {:>8}", "", "median", "p95", "max", "solved");
+    for (name, search) in SEARCHES {
+        let mut totals = Vec::new();
+        let mut stages = [const { Vec::new() }; STAGES.len()];
+        let mut solved = 0;
+        for frame in &frames {
+            let outcome = search(&mut solver, frame);
+            solved += usize::from(outcome.reason == Reason::Solved);
+            let mut runs: Vec<f64> = (0..args.repeats)
+                .map(|_| {
+                    let start = cpu_time();
+                    std::hint::black_box(search(&mut solver, std::hint::black_box(frame)));
+                    ms(cpu_time().saturating_sub(start))
+                })
+                .collect();
+            totals.push(quantile(&mut runs, 0.5));
+            STAGES.iter().zip(&mut stages).for_each(|((_, stage), times)| times.push(ms(stage(&outcome.times))));
+        }
+        row(name, &mut totals, &format!("{solved}"));
+        for ((stage, _), times) in STAGES.iter().zip(&mut stages) {
+            row(&format!("  {stage}"), times, "");
+        }
+    }
+}
+
+fn row(name: &str, times: &mut [f64], solved: &str) {
+    let [median, p95, max] = [0.5, 0.95, 1.0].map(|part| quantile(times, part));
+    println!("{name:<22} {median:>6.2} ms {p95:>6.2} ms {max:>6.2} ms {solved:>8}");
+}
