@@ -130,30 +130,26 @@ fn merge_blends(directions: &[Vec3], mags: &[f32], blend: f64) -> Vec<FieldStar>
 }
 
 /// Counts, for each star (brightest first), the brighter ones within `radius` rad, up to `cap`.
+///
+/// A star that has reached the cap is not counted for others any more: those around it have reached it too, or nearly.
 fn count_brighter(stars: &mut [FieldStar], radius: f64, cap: u8) {
     let directions: Vec<Vec3> = stars.iter().map(|s| s.direction).collect();
     let (grid, _) = SkyGrid::build(&directions, 0.7 * radius);
     let cos_radius = radius.cos() as f32;
-    // Stars seen so far, as one linked list a cell: brightest last, and counting may stop early.
-    const END: u32 = u32::MAX;
-    let mut head = vec![END; grid.cells()];
-    let mut next = vec![END; stars.len()];
-    let compact: Vec<[f32; 3]> = directions.iter().map(|d| [d.x as f32, d.y as f32, d.z as f32]).collect();
-    for i in 0..stars.len() {
-        let mut count = 0u8;
-        let [x, y, z] = compact[i];
-        grid.cells_near(&directions[i], radius, |cell| {
-            let mut j = head[cell];
-            while j != END && count < cap {
-                let other = compact[j as usize];
-                count += u8::from(other[0] * x + other[1] * y + other[2] * z >= cos_radius);
-                j = next[j as usize];
+    // The counted stars of each cell, side by side in memory.
+    let mut counted: Vec<Vec<[f32; 3]>> = vec![Vec::new(); grid.cells()];
+    for (star, direction) in stars.iter_mut().zip(&directions) {
+        let mut count = 0u32;
+        let [x, y, z] = [direction.x as f32, direction.y as f32, direction.z as f32];
+        grid.cells_near(direction, radius, |cell| {
+            if count < u32::from(cap) {
+                count += counted[cell].iter().map(|o| u32::from(o[0] * x + o[1] * y + o[2] * z >= cos_radius)).sum::<u32>();
             }
         });
-        stars[i].rank = count;
-        let cell = grid.cell_of(&directions[i]);
-        next[i] = head[cell];
-        head[cell] = i as u32;
+        star.rank = count.min(u32::from(cap)) as u8;
+        if star.rank < cap {
+            counted[grid.cell_of(direction)].push([x, y, z]);
+        }
     }
 }
 

@@ -9,7 +9,7 @@
 
 use super::{FieldGeometry, FieldStars, SkyGrid, field::rank_limit};
 use crate::settings::CatalogSettings;
-use crate::sky::Vec3;
+use crate::sky::{Kernel, Vec3, with_vectors};
 use std::ops::Range;
 
 /// Bins per unit of x and y, and per unit of ln L (trials: 1/48 to 1/192 in x and y make no difference; 1.5 % in L).
@@ -90,17 +90,23 @@ impl TriangleIndex {
             entries: Vec::new(),
             pairs: Vec::new(),
         };
+        // Sorted by bin with one count and one move; within a bin the order is that of star A.
+        let mut unsorted = Vec::new();
         let mut offsets = std::mem::take(&mut index.offsets);
-        index.enumerate(|bin, _| offsets[bin + 1] += 1);
+        with_vectors(Enumerate { index: &index, unsorted: &mut unsorted });
+        for &(bin, _) in &unsorted {
+            offsets[bin as usize + 1] += 1;
+        }
         for i in 1..offsets.len() {
             offsets[i] += offsets[i - 1];
         }
         let mut next = offsets.clone();
-        let mut entries = vec![Entry::default(); offsets.last().copied().unwrap_or(0) as usize];
-        index.enumerate(|bin, entry| {
-            entries[next[bin] as usize] = entry;
-            next[bin] += 1;
-        });
+        let mut entries = vec![Entry::default(); unsorted.len()];
+        for (bin, entry) in unsorted {
+            let place = &mut next[bin as usize];
+            entries[*place as usize] = entry;
+            *place += 1;
+        }
         index.offsets = offsets;
         index.entries = entries;
         index.pairs = index.short_pairs(chord(LONGEST_PAIR * geometry.diagonal));
@@ -138,6 +144,7 @@ impl TriangleIndex {
     }
 
     /// Calls `visit` with the corners A, B, C of every triangle of the wanted shape and length.
+    #[inline(always)]
     pub fn triangles(&self, query: &TriangleQuery, mut visit: impl FnMut([u32; 3])) {
         let Some(lengths) = self.log_range(query.length) else { return };
         let (x0, y0) = (query.x * SHAPE_BINS, query.y * SHAPE_BINS + 0.5 * Y_BINS as f64);
@@ -189,35 +196,41 @@ impl TriangleIndex {
         Some(bin(length.0)..bin(length.1) + 1)
     }
 
-    /// Calls `visit` with the bin and entry of every triangle, in the order of star A.
-    fn enumerate(&self, mut visit: impl FnMut(usize, Entry)) {
-        let mut local: Vec<(Vec3, f64)> = Vec::with_capacity(MAX_NEIGHBOURS);
+    /// The bin and entry of every triangle, in the order of star A.
+    #[inline(always)]
+    fn enumerate(&self, unsorted: &mut Vec<(u32, Entry)>) {
+        let mut near = Neighbourhood::default();
         for (a, at) in self.directions.iter().enumerate() {
-            let near = &self.neighbours[self.first_neighbour[a] as usize..self.first_neighbour[a + 1] as usize];
-            local.clear();
-            local.extend(near.iter().map(|&n| self.directions[n as usize]).map(|d| (d, (d - at).norm_squared())));
-            for (b, &(b_at, length_sq)) in local.iter().enumerate() {
-                let length = length_sq.sqrt();
+            near.gather(
+                at,
+                &self.directions,
+                &self.neighbours[self.first_neighbour[a] as usize..self.first_neighbour[a + 1] as usize],
+            );
+            for b in 0..near.len() {
+                let length_sq = near.distance_sq[b];
+                let length = f64::from(length_sq).sqrt();
                 if length < self.sides.0 {
                     continue;
                 }
-                let log_bin = ((length / self.sides.0).ln() * LOG_BINS) as usize;
-                let normal = at.cross(&b_at);
-                for (c, &(c_at, ac_sq)) in local[..b].iter().enumerate() {
-                    let bc_sq = (c_at - b_at).norm_squared();
+                let log_bin = (((length / self.sides.0).ln() * LOG_BINS) as usize).min(self.log_bins - 1);
+                let normal = at.cross(&near.direction(b));
+                near.measure_from(b);
+                for c in 0..b {
+                    let (ac_sq, bc_sq) = (near.distance_sq[c], near.from_b_sq[c]);
                     // C is nearer to A, and A–B is the longest side; ties go both ways, so no triangle is lost.
                     if bc_sq > length_sq || ac_sq > bc_sq {
                         continue;
                     }
                     let x = 0.5 * (ac_sq + length_sq - bc_sq) / length_sq;
-                    let y = (ac_sq / length_sq - x * x).max(0.0).sqrt().copysign(normal.dot(&c_at));
-                    let (sx, sy) = (x * SHAPE_BINS, y * SHAPE_BINS + 0.5 * Y_BINS as f64);
+                    let height = (ac_sq / length_sq - x * x).max(0.0).sqrt();
+                    let y = if normal.dot(&near.direction(c)) < 0.0 { -height } else { height };
+                    let (sx, sy) = (x * SHAPE_BINS as f32, y * SHAPE_BINS as f32 + 0.5 * Y_BINS as f32);
                     let (ix, iy) = ((sx as usize).min(X_BINS - 1), (sy as usize).min(Y_BINS - 1));
-                    let in_bin = |s: f64, i: usize| ((s - i as f64) * 256.0).clamp(0.0, 255.0) as u8;
-                    visit(
-                        (ix * Y_BINS + iy) * self.log_bins + log_bin.min(self.log_bins - 1),
+                    let in_bin = |s: f32, i: usize| ((s - i as f32) * 256.0) as u8;
+                    unsorted.push((
+                        ((ix * Y_BINS + iy) * self.log_bins + log_bin) as u32,
                         Entry { a: a as u32, b: b as u8, c: c as u8, x: in_bin(sx, ix), y: in_bin(sy, iy) },
-                    );
+                    ));
                 }
             }
         }
@@ -236,6 +249,69 @@ impl TriangleIndex {
         }
         pairs.sort_by(|p, q| p.chord.total_cmp(&q.chord).then(p.a.cmp(&q.a)).then(p.b.cmp(&q.b)));
         pairs
+    }
+}
+
+/// The enumeration, as a kernel.
+struct Enumerate<'a> {
+    index: &'a TriangleIndex,
+    unsorted: &'a mut Vec<(u32, Entry)>,
+}
+
+impl Kernel for Enumerate<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.index.enumerate(self.unsorted);
+    }
+}
+
+/// The neighbours of one star, relative to it: single precision keeps a chord to a part in a million.
+#[derive(Default)]
+struct Neighbourhood {
+    at: Vec3,
+    x: Vec<f32>,
+    y: Vec<f32>,
+    z: Vec<f32>,
+    distance_sq: Vec<f32>,
+    from_b_sq: Vec<f32>,
+}
+
+impl Neighbourhood {
+    fn gather(&mut self, at: &Vec3, directions: &[Vec3], neighbours: &[u32]) {
+        self.at = *at;
+        for list in [&mut self.x, &mut self.y, &mut self.z, &mut self.distance_sq] {
+            list.clear();
+        }
+        for &n in neighbours {
+            let d = directions[n as usize] - at;
+            self.x.push(d.x as f32);
+            self.y.push(d.y as f32);
+            self.z.push(d.z as f32);
+            self.distance_sq.push(d.norm_squared() as f32);
+        }
+        self.from_b_sq.resize(neighbours.len(), 0.0);
+    }
+
+    fn len(&self) -> usize {
+        self.x.len()
+    }
+
+    /// Direction of a neighbour.
+    fn direction(&self, n: usize) -> Vec3 {
+        self.at + Vec3::new(f64::from(self.x[n]), f64::from(self.y[n]), f64::from(self.z[n]))
+    }
+
+    /// Squared chords from neighbour `b` to those before it.
+    #[inline(always)]
+    fn measure_from(&mut self, b: usize) {
+        let (bx, by, bz) = (self.x[b], self.y[b], self.z[b]);
+        let (x, y, z, out) = (&self.x[..b], &self.y[..b], &self.z[..b], &mut self.from_b_sq[..b]);
+        for c in 0..b {
+            let (dx, dy, dz) = (x[c] - bx, y[c] - by, z[c] - bz);
+            out[c] = dx * dx + dy * dy + dz * dz;
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 #![allow(clippy::indexing_slicing, reason = "a numeric kernel: rows and cells are cut from the frame's own size")]
 
 use super::Frame;
+use crate::sky::{Kernel, with_vectors};
 
 /// Side of a cell, px.
 pub const CELL_PX: usize = 16;
@@ -39,6 +40,7 @@ pub struct CellStatistics {
     pub saturated_px: usize,
     /// Scratch for medians.
     sorted: Vec<f32>,
+    columns_of_band: BandColumns,
 }
 
 impl CellStatistics {
@@ -49,11 +51,13 @@ impl CellStatistics {
         self.mean.clear();
         self.sigma.clear();
         self.max.clear();
+        self.columns_of_band.resize(self.columns * CELL_PX);
         for row in 0..self.rows {
             let first = row * CELL_PX * frame.width;
             let band = &frame.pixels[first..first + CELL_PX * frame.width];
+            with_vectors(Gather { columns: &mut self.columns_of_band, band, stride: frame.width });
             for column in 0..self.columns {
-                let (mean, sigma, max) = measure_cell(band, frame.width, column * CELL_PX);
+                let (mean, sigma, max) = self.columns_of_band.cell(column * CELL_PX);
                 self.mean.push(mean);
                 self.sigma.push(sigma);
                 self.max.push(max);
@@ -141,29 +145,68 @@ impl CellStatistics {
     }
 }
 
-/// Mean, sample standard deviation and highest value of the cell whose first column is `x` in a band of [`CELL_PX`] rows.
-#[inline]
-fn measure_cell(band: &[u16], width: usize, x: usize) -> (f32, f32, u16) {
-    // Sums relative to the first pixel stay small, so that single precision keeps every digit of the variance.
-    let reference = i32::from(band[x]);
-    let mut sum = [0f32; CELL_PX];
-    let mut squares = [0f32; CELL_PX];
-    let mut max = [0u16; CELL_PX];
-    for line in band.chunks_exact(width) {
-        let pixels = &line[x..x + CELL_PX];
-        for lane in 0..CELL_PX {
-            let d = (i32::from(pixels[lane]) - reference) as f32;
-            sum[lane] += d;
-            squares[lane] += d * d;
-            max[lane] = max[lane].max(pixels[lane]);
+/// Sums down the columns of a band of [`CELL_PX`] rows.
+#[derive(Debug, Clone, Default, PartialEq)]
+struct BandColumns {
+    /// First pixel of each column's cell: sums relative to it stay small, so that single precision keeps the variance's digits.
+    reference: Vec<f32>,
+    sum: Vec<f32>,
+    squares: Vec<f32>,
+    max: Vec<u16>,
+}
+
+impl BandColumns {
+    fn resize(&mut self, width: usize) {
+        for column in [&mut self.reference, &mut self.sum, &mut self.squares] {
+            column.resize(width, 0.0);
+        }
+        self.max.resize(width, 0);
+    }
+
+    /// Mean, sample standard deviation and highest value of the cell whose first column is `x`.
+    fn cell(&self, x: usize) -> (f32, f32, u16) {
+        const N: f64 = (CELL_PX * CELL_PX) as f64;
+        let total = self.sum[x..x + CELL_PX].iter().map(|&s| f64::from(s)).sum::<f64>();
+        let squares = self.squares[x..x + CELL_PX].iter().map(|&s| f64::from(s)).sum::<f64>();
+        let variance = (squares - total * total / N).max(0.0) / (N - 1.0);
+        let highest = self.max[x..x + CELL_PX].iter().copied().max().unwrap_or(0);
+        ((f64::from(self.reference[x]) + total / N) as f32, variance.sqrt() as f32, highest)
+    }
+}
+
+/// Sums a band whose rows have `stride` pixels.
+struct Gather<'a> {
+    columns: &'a mut BandColumns,
+    band: &'a [u16],
+    stride: usize,
+}
+
+impl Kernel for Gather<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let BandColumns { reference, sum, squares, max } = self.columns;
+        let n = sum.len();
+        for (reference, first) in reference.chunks_exact_mut(CELL_PX).zip(self.band.chunks_exact(CELL_PX)) {
+            reference.fill(f32::from(first[0]));
+        }
+        sum.fill(0.0);
+        squares.fill(0.0);
+        max.fill(0);
+        let (reference, sum, squares, max) = (&reference[..n], &mut sum[..n], &mut squares[..n], &mut max[..n]);
+        for line in self.band.chunks_exact(self.stride) {
+            let pixels = &line[..n];
+            for x in 0..n {
+                let d = f32::from(pixels[x]) - reference[x];
+                sum[x] += d;
+                squares[x] += d * d;
+            }
+            for x in 0..n {
+                max[x] = max[x].max(pixels[x]);
+            }
         }
     }
-    const N: f64 = (CELL_PX * CELL_PX) as f64;
-    let total = sum.iter().map(|&s| f64::from(s)).sum::<f64>();
-    let total_squares = squares.iter().map(|&s| f64::from(s)).sum::<f64>();
-    let variance = (total_squares - total * total / N).max(0.0) / (N - 1.0);
-    let highest = max.iter().copied().max().unwrap_or(0);
-    ((f64::from(reference) + total / N) as f32, variance.sqrt() as f32, highest)
 }
 
 #[cfg(test)]

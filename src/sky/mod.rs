@@ -12,12 +12,14 @@ mod attitude;
 mod camera;
 mod horizontal;
 mod time;
+mod vectors;
 
 pub use angle::{ARCSEC, DEG, HOUR, direction, ra_dec, separation, wrap_pi, wrap_two_pi};
 pub use attitude::Attitude;
 pub use camera::{CameraModel, RowOrder};
 pub use horizontal::{Horizontal, Observer, horizontal_of, precess_from_j2000};
 pub use time::{ClockQuality, Utc};
+pub(crate) use vectors::{Kernel, with_vectors};
 
 /// A direction on the sky or in the camera, a unit vector unless said otherwise.
 pub type Vec3 = nalgebra::Vector3<f64>;

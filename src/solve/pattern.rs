@@ -10,17 +10,19 @@ use super::Stop;
 use super::fit::Pose;
 use super::verify::{FrameGeometry, Hypothesis, PatternSource, ln_hypotheses, verify};
 use crate::catalog::{Field, TriangleQuery, shape};
-use crate::sky::{Attitude, Vec3};
+use crate::sky::{Attitude, Kernel, Vec3, with_vectors};
 
 /// Half width of the box in which a triangle's shape is looked for, px over the longest side (trials: loses nothing at 1 px of
 /// centroid error).
 const SHAPE_TOLERANCE_PX: f64 = 2.5;
 /// Sources beyond the pattern that must fall on a star: with few sources two are enough, with many chance gives two.
 const FEW_SOURCES: usize = 9;
+/// Sources that a pattern can be made of: as many as a word has bits.
+pub const MAX_SOURCES: usize = 32;
 /// Triangles remembered for the display.
 const REMEMBERED: usize = 64;
 /// Share of the budget that pairs may use: a last resort.
-const PAIR_SHARE: f64 = 0.1;
+const PAIR_SHARE: f64 = 0.01;
 
 /// What the search is bound by.
 pub struct SearchRules<'a> {
@@ -97,9 +99,10 @@ struct Similarity {
 
 impl Similarity {
     /// Least squares over the given points.
-    fn fit(from: &[(f64, f64)], to: &[(f64, f64)]) -> Self {
-        let n = from.len() as f64;
-        let mean = |p: &[(f64, f64)]| (p.iter().map(|q| q.0).sum::<f64>() / n, p.iter().map(|q| q.1).sum::<f64>() / n);
+    #[inline(always)]
+    fn fit<const N: usize>(from: &[(f64, f64); N], to: &[(f64, f64); N]) -> Self {
+        let n = N as f64;
+        let mean = |p: &[(f64, f64); N]| (p.iter().map(|q| q.0).sum::<f64>() / n, p.iter().map(|q| q.1).sum::<f64>() / n);
         let (zm, wm) = (mean(from), mean(to));
         let (mut re, mut im, mut norm) = (0.0, 0.0, 0.0);
         for (z, w) in from.iter().zip(to) {
@@ -138,7 +141,10 @@ pub struct PatternSearch<'a> {
 
 impl<'a> PatternSearch<'a> {
     /// A search for where `sources`, brightest first, lie on the sky.
+    ///
+    /// Of more than [`MAX_SOURCES`] the rest is left out.
     pub fn new(field: &'a Field, sources: &'a [PatternSource], geometry: &'a FrameGeometry, rules: &'a SearchRules<'a>) -> Self {
+        let sources = &sources[..sources.len().min(MAX_SOURCES)];
         let fraction = rules.region.as_ref().map_or(1.0, |r| r.0);
         Self {
             field,
@@ -155,12 +161,13 @@ impl<'a> PatternSearch<'a> {
 
     /// Runs the search to its end.
     pub fn run(mut self) -> (SearchEnd, SearchTally) {
-        let end = self.triangles().or_else(|| self.pairs());
+        let end = with_vectors(Patterns(&mut self));
         let end = end.unwrap_or_else(|| SearchEnd::Exhausted(self.best.take()));
         (end, self.tally)
     }
 
     /// Every triangle of sources, by the faintest in it.
+    #[inline(always)]
     fn triangles(&mut self) -> Option<SearchEnd> {
         for k in 2..self.sources.len() {
             for j in 1..k {
@@ -175,6 +182,7 @@ impl<'a> PatternSearch<'a> {
     }
 
     /// One triangle of sources, in every labelling that the errors of its corners allow.
+    #[inline(always)]
     fn triangle(&mut self, corners: [usize; 3]) -> Option<SearchEnd> {
         let [p, q, r] = corners;
         let mut looked_up = false;
@@ -186,13 +194,13 @@ impl<'a> PatternSearch<'a> {
                 continue;
             }
             let query = TriangleQuery { x, y, tolerance: slack, length: self.length_range(length) };
-            let source_plane = self.plane_of_sources(a, b, self.sources[c].direction);
+            let source_plane = self.plane_of_sources([a, b, c]);
             let mut end = None;
             let field = self.field;
             field.triangles.triangles(&query, |stars| {
                 if end.is_none() {
                     let star = stars.map(|s| *field.triangles.direction(s));
-                    end = self.candidate(&[a, b, c], &source_plane, &star);
+                    end = self.candidate(&source_plane, &star);
                 }
             });
             looked_up = true;
@@ -208,6 +216,7 @@ impl<'a> PatternSearch<'a> {
     }
 
     /// Every short pair of sources, both ways round, within its share of the budget.
+    #[inline(always)]
     fn pairs(&mut self) -> Option<SearchEnd> {
         let spent = self.tally.candidates;
         let allowed = (self.rules.budget as f64 * PAIR_SHARE) as u64;
@@ -217,14 +226,14 @@ impl<'a> PatternSearch<'a> {
                 if length < self.field.triangles.sides().0 || length > self.field.triangles.longest_pair() {
                     continue;
                 }
-                let plane = self.plane_of_sources(i, j, Vec3::zeros());
+                let plane = self.plane_of_sources([i, j]);
                 let mut end = None;
                 let field = self.field;
                 field.triangles.pairs(self.length_range(length), |[a, b]| {
                     for star in [[a, b], [b, a]] {
                         if end.is_none() && self.tally.candidates - spent < allowed {
                             let star = star.map(|s| *field.triangles.direction(s));
-                            end = self.candidate(&[i, j], &plane, &star);
+                            end = self.candidate(&plane, &star);
                         }
                     }
                 });
@@ -247,20 +256,33 @@ impl<'a> PatternSearch<'a> {
         ((length * low / middle - slack).max(0.0), length * high / middle + slack)
     }
 
-    /// The tangent plane of some sources; `third` is zero for a pair.
-    fn plane_of_sources(&self, a: usize, b: usize, third: Vec3) -> SourcePlane {
-        let (da, db) = (self.sources[a].direction, self.sources[b].direction);
-        let plane = Plane::new(&da, &db, da + db + third);
+    /// The tangent plane of the sources at some corners.
+    #[inline(always)]
+    fn plane_of_sources<const N: usize>(&self, corners: [usize; N]) -> SourcePlane<N> {
+        let plane = Plane::new(
+            &self.sources[corners[0]].direction,
+            &self.sources[corners[1]].direction,
+            corners.iter().map(|&c| self.sources[c].direction).sum(),
+        );
         let up = Vec3::new(0.0, 0.02, 1.0);
+        let points = self.sources.iter().take(MAX_SOURCES).map(|s| plane.project(&s.direction));
+        let (mut x, mut y) = ([0f32; MAX_SOURCES], [0f32; MAX_SOURCES]);
+        for (i, point) in points.enumerate() {
+            (x[i], y[i]) = (point.0 as f32, point.1 as f32);
+        }
         SourcePlane {
-            points: self.sources.iter().map(|s| plane.project(&s.direction)).collect(),
+            at: corners.map(|c| plane.project(&self.sources[c].direction)),
+            x,
+            y,
+            corners: corners.iter().map(|&c| 1u32 << c).fold(!0 << (self.sources.len() - 1) << 1, |bits, c| bits | c),
             boresight: plane.project(&Vec3::z()),
             up: plane.project(&up),
         }
     }
 
     /// Screens one candidate: the corners are these stars; verifies it where enough other sources fall on stars.
-    fn candidate(&mut self, corners: &[usize], plane: &SourcePlane, stars: &[Vec3]) -> Option<SearchEnd> {
+    #[inline(always)]
+    fn candidate<const N: usize>(&mut self, plane: &SourcePlane<N>, stars: &[Vec3; N]) -> Option<SearchEnd> {
         self.tally.candidates += 1;
         if self.tally.candidates.is_multiple_of(256)
             && let Some(stop) = (self.rules.stop)()
@@ -272,39 +294,26 @@ impl<'a> PatternSearch<'a> {
         }
         let middle: Vec3 = stars.iter().sum();
         let sky = Plane::new(&stars[0], &stars[1], middle);
-        let mut from = [(0.0, 0.0); 3];
-        let mut to = [(0.0, 0.0); 3];
-        for (n, (&corner, star)) in corners.iter().zip(stars).enumerate() {
-            from[n] = plane.points[corner];
-            to[n] = sky.project(star);
-        }
-        let similarity = Similarity::fit(&from[..corners.len()], &to[..corners.len()]);
+        let similarity = Similarity::fit(&plane.at, &stars.map(|s| sky.project(&s)));
         let platescale = self.field.geometry.platescale * similarity.scale();
         let boresight = sky.lift(similarity.apply(plane.boresight));
         let inside = self.rules.region.as_ref().is_none_or(|(_, allows)| allows(&boresight.normalize()));
         if self.rules.region_only && !inside {
             return None;
         }
-        let mut hits = 0;
-        let mut left = self.sources.len();
-        for (k, &point) in plane.points.iter().enumerate() {
-            left -= 1;
-            if !corners.contains(&k) && self.field.bitmap.hit(&sky.lift(similarity.apply(point))) {
-                hits += 1;
-                if hits == self.need {
-                    break;
-                }
-            }
-            if hits + left < self.need {
-                return None;
-            }
-        }
-        if hits < self.need {
+        // The similarity and the lift in one: a point z goes to m + Re z · p + Im z · q.
+        let turned = [
+            sky.lift(similarity.d),
+            sky.along * similarity.a.0 + sky.across * similarity.a.1,
+            sky.across * similarity.a.0 - sky.along * similarity.a.1,
+        ];
+        let hits = self.field.bitmap.hits(&turned, &plane.x, &plane.y) & !plane.corners;
+        if (hits.count_ones() as usize) < self.need {
             return None;
         }
         let up = sky.lift(similarity.apply(plane.up)).normalize() - boresight.normalize();
         let attitude = Attitude::from_boresight_up(&boresight, &up)?;
-        self.verified(&Pose { attitude, platescale, k1: 0.0 }, corners.len() + self.need)
+        self.verified(&Pose { attitude, platescale, k1: 0.0 }, N + self.need)
     }
 
     /// Verifies a pose; ends the search where chance does not explain it.
@@ -331,9 +340,27 @@ impl<'a> PatternSearch<'a> {
     }
 }
 
-/// The sources, the boresight and a point above it in the tangent plane of a pattern.
-struct SourcePlane {
-    points: Vec<(f64, f64)>,
+/// All patterns of a search, as a kernel.
+struct Patterns<'s, 'a>(&'s mut PatternSearch<'a>);
+
+impl Kernel for Patterns<'_, '_> {
+    type Output = Option<SearchEnd>;
+
+    #[inline(always)]
+    fn run(self) -> Option<SearchEnd> {
+        self.0.triangles().or_else(|| self.0.pairs())
+    }
+}
+
+/// The sources, the boresight and a point above it in the tangent plane of a pattern with N corners.
+struct SourcePlane<const N: usize> {
+    /// The corners.
+    at: [(f64, f64); N],
+    /// Every source.
+    x: [f32; MAX_SOURCES],
+    y: [f32; MAX_SOURCES],
+    /// Bits of what does not count as a hit: the corners, and the places behind the last source.
+    corners: u32,
     boresight: (f64, f64),
     up: (f64, f64),
 }

@@ -8,6 +8,7 @@
 
 use super::plane::{Plane, Sample};
 use crate::image::CELL_PX;
+use crate::sky::{Kernel, with_vectors};
 
 /// Samples along the side of a coarse cell, and the ring's distance in coarse cells.
 const COARSE: usize = 4;
@@ -47,6 +48,8 @@ pub struct PeakRules<'a> {
 #[derive(Debug, Clone, Default)]
 pub struct PeakFinder {
     coarse: Vec<f32>,
+    along: Vec<f32>,
+    across: Vec<f32>,
     level: Vec<f32>,
     level_row: Vec<f32>,
     smooth: [Vec<f32>; 3],
@@ -59,6 +62,17 @@ impl PeakFinder {
     /// Finds the peaks of a plane, cell after cell, the highest of each first. `keep_on` is asked every few rows; where it says no, the
     /// search ends with `false`.
     pub fn find<T: Sample>(
+        &mut self,
+        plane: &Plane<T>,
+        rules: &PeakRules<'_>,
+        keep_on: &dyn Fn() -> bool,
+        peaks: &mut Vec<Peak>,
+    ) -> bool {
+        with_vectors(Search { finder: self, plane, rules, keep_on, peaks })
+    }
+
+    #[inline(always)]
+    fn search<T: Sample>(
         &mut self,
         plane: &Plane<T>,
         rules: &PeakRules<'_>,
@@ -103,6 +117,7 @@ impl PeakFinder {
     }
 
     /// Means of coarse cells, and the mean of the ring around each.
+    #[inline(always)]
     fn measure_level<T: Sample>(&mut self, plane: &Plane<T>) {
         let (w, h) = (plane.width / COARSE, plane.height / COARSE);
         self.coarse.clear();
@@ -119,16 +134,32 @@ impl PeakFinder {
         }
         self.level.clear();
         self.level.resize(w * h, 0.0);
-        let coarse = &self.coarse;
+        sum_runs(&self.coarse, w, h, &mut self.along, &mut self.across);
         for y in 0..h {
             for x in 0..w {
-                let inside = y >= RING && y + RING < h && x >= RING && x + RING < w;
-                self.level[y * w + x] = if inside { ring_inside(coarse, w, x, y) } else { ring_at_border(coarse, w, h, x, y) };
+                if y < RING || y + RING >= h || x < RING || x + RING >= w {
+                    self.level[y * w + x] = ring_at_border(&self.coarse, w, h, x, y);
+                }
+            }
+        }
+        if w <= 2 * RING || h <= 2 * RING {
+            return;
+        }
+        let inner = w - 2 * RING;
+        for y in RING..h - RING {
+            let above = &self.along[(y - RING) * w + RING..][..inner];
+            let below = &self.along[(y + RING) * w + RING..][..inner];
+            let left = &self.across[y * w..][..inner];
+            let right = &self.across[y * w + 2 * RING..][..inner];
+            let out = &mut self.level[y * w + RING..][..inner];
+            for x in 0..inner {
+                out[x] = ((above[x] + below[x]) + (left[x] + right[x])) * (1.0 / 28.0);
             }
         }
     }
 
     /// The level of a row of coarse cells, sample by sample.
+    #[inline(always)]
     fn expand_level(&mut self, coarse_y: usize, width: usize) {
         let w = width / COARSE;
         let h = self.level.len() / w;
@@ -139,30 +170,52 @@ impl PeakFinder {
     }
 
     /// Keeps the peaks of one row, given the excess of the row and of its neighbours.
+    #[inline(always)]
     fn scan_row(&mut self, y: usize, width: usize, columns: usize, rules: &PeakRules<'_>) {
-        let here = &self.excess[y % 3];
-        let thresholds = &rules.thresholds
-            [(y / CELL_PX).min(rules.thresholds.len() / rules.threshold_columns - 1) * rules.threshold_columns..];
+        let here = &self.excess[y % 3][..width];
+        let widest = [&self.widest[(y + 2) % 3][..width], &self.widest[y % 3][..width], &self.widest[(y + 1) % 3][..width]];
+        let block_rows = rules.thresholds.len() / rules.threshold_columns;
+        let thresholds = &rules.thresholds[(y / CELL_PX).min(block_rows - 1) * rules.threshold_columns..];
         for block in 0..width.div_ceil(CELL_PX) {
             let threshold = thresholds[block.min(rules.threshold_columns - 1)];
             let (first, last) = (block * CELL_PX, ((block + 1) * CELL_PX).min(width));
+            let d = &here[first..last];
+            let [w0, w1, w2] = widest.map(|w| &w[first..last]);
             // Almost every block ends here, without a branch inside it.
-            let highest = here[first..last].iter().fold(f32::MIN, |m, &d| m.max(d));
-            if highest <= threshold {
+            if let (Some(d), Some(w0), Some(w1), Some(w2)) =
+                (d.first_chunk(), w0.first_chunk(), w1.first_chunk(), w2.first_chunk())
+                && !has_peak(d, [w0, w1, w2], threshold)
+            {
                 continue;
             }
-            for x in first.max(rules.border)..last.min(width - rules.border) {
-                let d = here[x];
-                let is_peak = d > threshold
-                    && d >= self.widest[(y + 2) % 3][x]
-                    && d >= self.widest[y % 3][x]
-                    && d >= self.widest[(y + 1) % 3][x];
-                if is_peak && !(rules.masked)(x, y) {
-                    let cell = &mut self.cells[(y / rules.cell) * columns + x / rules.cell];
-                    insert(cell, Peak { x, y, height: d }, rules.per_cell);
+            for x in 0..d.len() {
+                let is_peak = d[x] > threshold && d[x] >= w0[x] && d[x] >= w1[x] && d[x] >= w2[x];
+                let column = first + x;
+                let inside = column >= rules.border && column + rules.border < width;
+                if is_peak && inside && !(rules.masked)(column, y) {
+                    let cell = &mut self.cells[(y / rules.cell) * columns + column / rules.cell];
+                    insert(cell, Peak { x: column, y, height: d[x] }, rules.per_cell);
                 }
             }
         }
+    }
+}
+
+/// One search, as a kernel.
+struct Search<'a, T> {
+    finder: &'a mut PeakFinder,
+    plane: &'a Plane<T>,
+    rules: &'a PeakRules<'a>,
+    keep_on: &'a dyn Fn() -> bool,
+    peaks: &'a mut Vec<Peak>,
+}
+
+impl<T: Sample> Kernel for Search<'_, T> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run(self) -> bool {
+        self.finder.search(self.plane, self.rules, self.keep_on, self.peaks)
     }
 }
 
@@ -175,36 +228,58 @@ fn insert(cell: &mut Vec<Peak>, peak: Peak, most: usize) {
     }
 }
 
-/// Mean of the 28 coarse cells of a whole ring: a square of side nine without its corners.
-#[inline]
-fn ring_inside(coarse: &[f32], w: usize, x: usize, y: usize) -> f32 {
-    let run = |row: usize| coarse[row * w + x - 3..row * w + x + 4].iter().sum::<f32>();
-    let mut sum = run(y - RING) + run(y + RING);
-    for row in y - 3..=y + 3 {
-        sum += coarse[row * w + x - RING] + coarse[row * w + x + RING];
+/// Sums of seven coarse cells around each, along its row and across its rows: the sides of a ring, which is a square of side nine
+/// without its corners. Where seven do not fit, nothing is written.
+#[inline(always)]
+fn sum_runs(coarse: &[f32], w: usize, h: usize, along: &mut Vec<f32>, across: &mut Vec<f32>) {
+    const REACH: usize = RING - 1;
+    const RUN: usize = 2 * REACH + 1;
+    for sums in [&mut *along, &mut *across] {
+        sums.clear();
+        sums.resize(w * h, 0.0);
     }
-    sum * (1.0 / 28.0)
+    if w < RUN || h < RUN {
+        return;
+    }
+    let n = w - 2 * REACH;
+    for y in 0..h {
+        let runs: [&[f32]; RUN] = std::array::from_fn(|i| &coarse[y * w + i..][..n]);
+        let out = &mut along[y * w + REACH..][..n];
+        for x in 0..n {
+            out[x] = ((runs[0][x] + runs[1][x]) + (runs[2][x] + runs[3][x])) + ((runs[4][x] + runs[5][x]) + runs[6][x]);
+        }
+    }
+    for y in REACH..h - REACH {
+        let runs: [&[f32]; RUN] = std::array::from_fn(|i| &coarse[(y + i - REACH) * w..][..w]);
+        let out = &mut across[y * w..][..w];
+        for x in 0..w {
+            out[x] = ((runs[0][x] + runs[1][x]) + (runs[2][x] + runs[3][x])) + ((runs[4][x] + runs[5][x]) + runs[6][x]);
+        }
+    }
 }
 
 /// Mean of those cells of a ring that lie inside the picture.
 fn ring_at_border(coarse: &[f32], w: usize, h: usize, x: usize, y: usize) -> f32 {
     let (mut sum, mut n) = (0f32, 0f32);
-    let r = RING as isize;
-    for dy in -r..=r {
-        for dx in -r..=r {
-            let on_ring = (dx.abs() == r) != (dy.abs() == r);
-            let (cx, cy) = (x as isize + dx, y as isize + dy);
-            if on_ring && cx >= 0 && cy >= 0 && cx < w as isize && cy < h as isize {
-                sum += coarse[cy as usize * w + cx as usize];
-                n += 1.0;
-            }
+    let mut add = |cx: usize, cy: usize| {
+        // Cells left of or above the picture wrap to huge numbers.
+        if cx < w && cy < h {
+            sum += coarse[cy * w + cx];
+            n += 1.0;
         }
+    };
+    for i in 0..2 * RING - 1 {
+        let (column, row) = ((x + i + 1).wrapping_sub(RING), (y + i + 1).wrapping_sub(RING));
+        add(column, y.wrapping_sub(RING));
+        add(column, y + RING);
+        add(x.wrapping_sub(RING), row);
+        add(x + RING, row);
     }
     if n > 0.0 { sum / n } else { 0.0 }
 }
 
 /// Smooths a row along itself; its two ends are copied.
-#[inline]
+#[inline(always)]
 fn smooth_row<T: Sample>(row: &[T], out: &mut [f32]) {
     let n = row.len() - 2;
     out[0] = row[0].value();
@@ -217,7 +292,7 @@ fn smooth_row<T: Sample>(row: &[T], out: &mut [f32]) {
 }
 
 /// Smooths three rows across and takes the level off.
-#[inline]
+#[inline(always)]
 fn excess_row(above: &[f32], here: &[f32], below: &[f32], level: &[f32], out: &mut [f32]) {
     let n = out.len();
     let (above, here, below, level) = (&above[..n], &here[..n], &below[..n], &level[..n]);
@@ -227,7 +302,7 @@ fn excess_row(above: &[f32], here: &[f32], below: &[f32], level: &[f32], out: &m
 }
 
 /// The greatest of each sample and its two neighbours.
-#[inline]
+#[inline(always)]
 fn widen_row(row: &[f32], out: &mut [f32]) {
     let n = row.len() - 2;
     out[0] = row[0].max(row[1]);
@@ -235,8 +310,25 @@ fn widen_row(row: &[f32], out: &mut [f32]) {
     let (left, middle, right) = (&row[..n], &row[1..n + 1], &row[2..n + 2]);
     let out = &mut out[1..n + 1];
     for x in 0..n {
-        out[x] = left[x].max(middle[x]).max(right[x]);
+        out[x] = greater(greater(left[x], middle[x]), right[x]);
     }
+}
+
+/// Whether a block of a row has a sample above the threshold that is the greatest of those around it.
+#[inline(always)]
+fn has_peak(d: &[f32; CELL_PX], widest: [&[f32; CELL_PX]; 3], threshold: f32) -> bool {
+    let mut peaks = 0u32;
+    for x in 0..CELL_PX {
+        let greatest = greater(greater(widest[0][x], widest[1][x]), widest[2][x]);
+        peaks += u32::from(d[x] > threshold) & u32::from(d[x] >= greatest);
+    }
+    peaks != 0
+}
+
+/// The greater of two numbers; unlike `f32::max` one instruction, because it need not care for NaN.
+#[inline(always)]
+fn greater(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
 }
 
 #[cfg(test)]

@@ -2,6 +2,8 @@
 
 #![allow(clippy::indexing_slicing, reason = "a numeric kernel: rows are cut from the plane's own size")]
 
+use crate::sky::{Kernel, with_vectors};
+
 /// A sample of a plane.
 pub trait Sample: Copy {
     /// Its value, ADU.
@@ -35,7 +37,7 @@ pub struct Plane<T> {
 
 impl<T: Copy> Plane<T> {
     /// One row.
-    #[inline]
+    #[inline(always)]
     pub fn row(&self, y: usize) -> &[T] {
         &self.pixels[y * self.width..(y + 1) * self.width]
     }
@@ -50,35 +52,67 @@ pub fn clip_spikes(pixels: &[u16], width: usize, height: usize, excess: u16, out
     out.height = height;
     out.pixels.clear();
     out.pixels.extend_from_slice(pixels);
-    if width < 3 || height < 3 {
-        return;
+    if width >= 3 && height >= 3 {
+        with_vectors(Clip { pixels, excess, out });
     }
-    for y in 1..height - 1 {
-        let above = &pixels[(y - 1) * width..y * width];
-        let here = &pixels[y * width..(y + 1) * width];
-        let below = &pixels[(y + 1) * width..(y + 2) * width];
-        let target = &mut out.pixels[y * width + 1..(y + 1) * width - 1];
-        let n = width - 2;
-        let (a0, a1, a2) = (&above[..n], &above[1..n + 1], &above[2..n + 2]);
-        let (h0, h1, h2) = (&here[..n], &here[1..n + 1], &here[2..n + 2]);
-        let (b0, b1, b2) = (&below[..n], &below[1..n + 1], &below[2..n + 2]);
-        for x in 0..n {
-            let rows = a0[x].max(a1[x]).max(a2[x]).max(b0[x]).max(b1[x].max(b2[x]));
-            let highest = rows.max(h0[x].max(h2[x]));
-            target[x] = h1[x].min(highest.saturating_add(excess));
+}
+
+struct Clip<'a> {
+    pixels: &'a [u16],
+    excess: u16,
+    out: &'a mut Plane<u16>,
+}
+
+impl Kernel for Clip<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Clip { pixels, excess, out } = self;
+        let (width, height) = (out.width, out.height);
+        for y in 1..height - 1 {
+            let above = &pixels[(y - 1) * width..y * width];
+            let here = &pixels[y * width..(y + 1) * width];
+            let below = &pixels[(y + 1) * width..(y + 2) * width];
+            let target = &mut out.pixels[y * width + 1..(y + 1) * width - 1];
+            let n = width - 2;
+            let (a0, a1, a2) = (&above[..n], &above[1..n + 1], &above[2..n + 2]);
+            let (h0, h1, h2) = (&here[..n], &here[1..n + 1], &here[2..n + 2]);
+            let (b0, b1, b2) = (&below[..n], &below[1..n + 1], &below[2..n + 2]);
+            for x in 0..n {
+                let rows = a0[x].max(a1[x]).max(a2[x]).max(b0[x]).max(b1[x].max(b2[x]));
+                let highest = rows.max(h0[x].max(h2[x]));
+                target[x] = h1[x].min(highest.saturating_add(excess));
+            }
         }
     }
 }
 
 /// Means of 2 × 2 samples; an odd last row or column is left out.
 pub fn halve<T: Sample>(from: &Plane<T>, out: &mut Plane<f32>) {
-    out.width = from.width / 2;
-    out.height = from.height / 2;
-    out.pixels.clear();
-    for y in 0..out.height {
-        let top = from.row(2 * y).chunks_exact(2);
-        let bottom = from.row(2 * y + 1).chunks_exact(2);
-        out.pixels.extend(top.zip(bottom).map(|(t, b)| 0.25 * ((t[0].value() + t[1].value()) + (b[0].value() + b[1].value()))));
+    with_vectors(Halve { from, out });
+}
+
+struct Halve<'a, T> {
+    from: &'a Plane<T>,
+    out: &'a mut Plane<f32>,
+}
+
+impl<T: Sample> Kernel for Halve<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Halve { from, out } = self;
+        out.width = from.width / 2;
+        out.height = from.height / 2;
+        out.pixels.clear();
+        for y in 0..out.height {
+            let top = from.row(2 * y).chunks_exact(2);
+            let bottom = from.row(2 * y + 1).chunks_exact(2);
+            out.pixels
+                .extend(top.zip(bottom).map(|(t, b)| 0.25 * ((t[0].value() + t[1].value()) + (b[0].value() + b[1].value()))));
+        }
     }
 }
 

@@ -1,0 +1,31 @@
+//! Wider vectors where the processor has them.
+//!
+//! The kernels are plain loops that the compiler vectorises: for every x86-64 with 128 bits. Compiled once more for AVX2, and chosen at
+//! run time, the same loops use 256. The results are the same bit for bit: the compiler does not contract multiplications and
+//! additions by itself.
+
+/// A piece of work in plain loops. [`Kernel::run`] and all that it calls must be `#[inline(always)]`, or they stay as they are.
+pub trait Kernel {
+    /// What comes out.
+    type Output;
+    /// Does the work.
+    fn run(self) -> Self::Output;
+}
+
+/// Runs a kernel, compiled for the widest vectors that this processor has.
+#[inline]
+pub fn with_vectors<K: Kernel>(kernel: K) -> K::Output {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2")]
+        fn with_avx2<K: Kernel>(kernel: K) -> K::Output {
+            kernel.run()
+        }
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // Measured on the flight images: the search for sources takes about half the time.
+            #[allow(unsafe_code, reason = "calling code compiled for AVX2 is sound once the processor is known to have it")]
+            return unsafe { with_avx2(kernel) };
+        }
+    }
+    kernel.run()
+}
