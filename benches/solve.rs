@@ -62,8 +62,7 @@ const SEARCHES: [(&str, Search); 2] = [
     ("normal", |solver, frame| solver.solve(frame, &Prior::default(), &CpuWatch)),
     ("robust", |solver, frame| solver.solve_robust(frame, &Prior::default(), &CpuWatch)),
 ];
-const STAGES: [Stage; 4] =
-    [("statistics", |t| t.statistics), ("find", |t| t.find), ("match", |t| t.match_), ("fit", |t| t.fit)];
+const STAGES: [Stage; 4] = [("statistics", |t| t.statistics), ("find", |t| t.find), ("match", |t| t.match_), ("fit", |t| t.fit)];
 
 /// The value below which a part of all lies; NaN of none.
 fn quantile(values: &mut [f64], part: f64) -> f64 {
@@ -82,9 +81,8 @@ fn main() {
     let mut settings = Settings::flight().unwrap();
     // The two searches are measured apart.
     settings.solver.robust = false;
-    let frames: Vec<Frame> = (0..args.frames)
-        .map(|index| render(&RenderSpec::new(args.kind, args.seed, index), &catalogue).unwrap().frame)
-        .collect();
+    let frames: Vec<Frame> =
+        (0..args.frames).map(|index| render(&RenderSpec::new(args.kind, args.seed, index), &catalogue).unwrap().frame).collect();
     let Some(first) = frames.first() else { return };
     let mut solver = Solver::new(catalogue, Arc::new(settings));
     solver.prepare(first.width, first.height);

@@ -120,10 +120,22 @@ def report_kind(kind, pairs):
     report_errors(right)
     if len(right) < len(pairs):
         print(f"           unsolved: {reasons([answer for answer, _ in pairs if not answer['solved']]) or 'none'}")
+    for answer, truth in solved:
+        if not is_right(answer, truth):
+            print(f"           WRONG {Path(answer['image']).stem}: {describe_wrong(answer, truth)}")
     missed = [answer["image"] for answer, truth in must if not (answer["solved"] and is_right(answer, truth))]
     if missed:
         shown = " ".join(Path(image).stem for image in missed[:12])
         print(f"           must, but missed: {shown}{' …' if len(missed) > 12 else ''}")
+
+
+def describe_wrong(answer, truth):
+    """How a wrong solution is wrong, in words."""
+    said = f"{answer['matched']} matched, false 10^{answer['false_probability_log10']:.0f}, σ {answer['sigma_east_arcsec']:.2f}″"
+    if truth.get("ra_deg") is None:
+        return f"there are no stars in it; {said}"
+    east, north, roll = errors_arcsec(answer, truth)
+    return f"east {east:+.1f}″ north {north:+.1f}″ roll {roll:+.0f}″; {said}"
 
 
 def report_errors(right):
