@@ -1,8 +1,15 @@
 //! The image room: a frame and its stamp, image files in and out, statistics, co-adding, mask, bad pixels, auto-level.
 //!
-//! Uses `sky` (times, observer) and `settings`. No disk: readers and writers take `Read` and `Write`.
+//! Uses `sky` (times, observer) and `settings`. No disk: readers take bytes, writers take `Write`.
+//!
+//! * [`read`] a file of any kind into a [`Frame`]; [`write_fits`] and [`write_png`] write one;
+//! * [`series_stem`] and [`time_in_name`] say what a file's name tells; [`coadd`] adds up a series;
+//! * [`BadPixels`] and [`Mask`] take away what cannot be believed;
+//! * [`CellStatistics`] say how bright, noisy and saturated an image is;
+//! * [`auto_level`] and [`to_grey8`] make an image visible.
 
 mod bad_pixels;
+mod coadd;
 mod fits;
 mod frame;
 mod level;
@@ -11,11 +18,14 @@ mod name;
 mod raster;
 mod read;
 mod statistics;
+mod write;
 
 pub use bad_pixels::{BadPixels, BadPixelsError};
+pub use coadd::{CoaddError, MAX_PARTS, coadd};
 pub use frame::{Frame, ImageCounter, Stamp, TriggerCounter};
 pub use level::{Level, auto_level, to_grey8};
 pub use mask::{Mask, MaskError};
 pub use name::{series_stem, time_in_name};
 pub use read::{Problem, ReadError, read};
 pub use statistics::{CELL_PX, CellStatistics};
+pub use write::{WriteError, write_fits, write_png};

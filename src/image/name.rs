@@ -40,3 +40,42 @@ fn part_at(name: &str, at: usize) -> Option<u32> {
     let (part, after) = name.get(at + 2..).map(|rest| rest.split_at(rest.bytes().take_while(u8::is_ascii_digit).count()))?;
     (after.is_empty() || after.starts_with('.')).then(|| part.parse().ok()).flatten()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_found_in_the_names_of_the_flight_and_of_the_night_images() {
+        let time = |name| time_in_name(name).map(|time| time.to_string());
+        assert_eq!(time("2012-12-30--08-27-56--625_p1.fits").as_deref(), Some("2012-12-30T08:27:56.625"));
+        assert_eq!(time("2012-12-30/2012-12-30--08-27-56--625.fits").as_deref(), Some("2012-12-30T08:27:56.625"));
+        assert_eq!(time("2019-07-29T204726_Alt40_Azi-135_Try1.tiff").as_deref(), Some("2019-07-29T20:47:26.000"));
+        assert_eq!(time("night 2019-07-29T204726.png").as_deref(), Some("2019-07-29T20:47:26.000"));
+    }
+
+    #[test]
+    fn names_without_a_time_or_with_an_impossible_one_give_none() {
+        for name in [
+            "",
+            "dark.fits",
+            "2012-13-30--08-27-56--625.fits",
+            "2012-12-30--08-27-56",
+            "2019-07-29T254726.tiff",
+            "x/",
+            "é2019-07",
+        ] {
+            assert_eq!(time_in_name(name), None, "{name}");
+        }
+    }
+
+    #[test]
+    fn parts_of_a_series_share_their_stem() {
+        assert_eq!(series_stem("2013-01-01--06-11-24--859_p0.fits"), Some(("2013-01-01--06-11-24--859", 0)));
+        assert_eq!(series_stem("2013/a_p3.fits.gz"), Some(("2013/a", 3)));
+        assert_eq!(series_stem("a_p1_p2.fits"), Some(("a_p1", 2)));
+        for alone in ["a.fits", "a_p.fits", "a_px.fits", "a_p1x.fits", "_p1.fits", "dir_p1/a.fits", "a_p99999999999.fits", ""] {
+            assert_eq!(series_stem(alone), None, "{alone}");
+        }
+    }
+}

@@ -109,3 +109,36 @@ fn split(card: &[u8; CARD]) -> Option<(&[u8], &[u8])> {
     let name = name.strip_prefix(b"HIERARCH ").unwrap_or(name);
     Some((name.trim_ascii(), value.get(1..)?))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn card(field: &str) -> (String, bool, String) {
+        let card = Card::parse(field.as_bytes());
+        (card.value, card.quoted, card.comment)
+    }
+
+    #[test]
+    fn values_comments_and_quotes_are_told_apart() {
+        let expect = |value: &str, quoted, comment: &str| (value.to_owned(), quoted, comment.to_owned());
+        assert_eq!(card("                   16 / bits"), expect("16", false, "bits"));
+        assert_eq!(card(" -77.4288695 / DEGREES"), expect("-77.4288695", false, "DEGREES"));
+        assert_eq!(card(" 'x1      '          "), expect("x1", true, ""));
+        assert_eq!(card(" 'it''s a/b ' / it's"), expect("it's a/b", true, "it's"));
+        assert_eq!(card(" 'no end / here"), expect("", true, "here"));
+        assert_eq!(card(" ''"), expect("", true, ""));
+        assert_eq!(card(""), expect("", false, ""));
+    }
+
+    #[test]
+    fn only_finite_numbers_are_numbers() {
+        let number = |value: &str| Card::parse(value.as_bytes()).number();
+        assert_eq!((number("1.5D2"), number(" 0. / DB"), number("+3")), (Some(150.0), Some(0.0), Some(3.0)));
+        for value in ["NaN", "inf", "-infinity", "1e999", "'3'", "", "0x10", "1 2", "T"] {
+            assert_eq!(number(value), None, "{value}");
+        }
+        let integer = |value: &str| Card::parse(value.as_bytes()).integer();
+        assert_eq!((integer("38"), integer("38.0"), integer("38.5"), integer("1e300")), (Some(38), Some(38), None, None));
+    }
+}

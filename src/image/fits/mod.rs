@@ -7,8 +7,10 @@
 mod header;
 mod pixels;
 mod stamp;
+mod write;
 
 use header::Header;
+pub(super) use write::write;
 
 use super::Frame;
 use super::read::Problem;

@@ -89,24 +89,19 @@ impl Layout {
         self.scale == 1.0 && self.zero.fract() == 0.0 && self.zero.abs() <= 65_536.0 && self.blank.is_none()
     }
 
-    /// The plain case, without branches in its loop.
+    /// The plain case, in simple passes that become vector instructions.
     fn whole(&self, stored: impl Iterator<Item = i32> + Clone) -> Result<Vec<u16>, Problem> {
         let zero = self.zero as i32;
-        let (mut below, mut above) = (0_usize, 0_usize);
-        let pixels: Vec<u16> = stored
-            .clone()
-            .map(|value| {
-                let adu = value + zero;
-                below += usize::from(adu < 0);
-                above += usize::from(adu > 65_535);
-                adu.clamp(0, 65_535) as u16
-            })
-            .collect();
-        if above > 0 {
+        // Neither number has more than 17 bits, so that nothing wraps; a checked sum would cost the vectors.
+        let adu = stored.clone().map(|value| value.wrapping_add(zero));
+        let (lowest, highest) = adu.clone().fold((i32::MAX, i32::MIN), |(low, high), v| (low.min(v), high.max(v)));
+        if highest > i32::from(u16::MAX) {
             return self.scaled(stored.map(f64::from)); // which finds the pixel
         }
-        self.refuse_if_most(below)?;
-        Ok(pixels)
+        if lowest < 0 {
+            self.refuse_if_most(adu.clone().filter(|&v| v < 0).count())?;
+        }
+        Ok(adu.map(|v| v.max(0) as u16).collect())
     }
 
     /// Any type and scaling; a pixel without a value is NaN.

@@ -1,9 +1,10 @@
 //! The stamp in a header's keywords.
 //!
-//! Ours have at most 8 letters. The flight's files say `UNKNOWN` in the comment of a value that was not known, and have
+//! What we write has at most 8 letters, and a value that is not known is left out. The flight's files say `UNKNOWN` in the comment of a value that was not known, and have
 //! −1 in its place; a keyword that cannot be read is unknown too, for an image must not be lost by its stamp.
 
 use super::header::{Card, Header};
+use super::write::Cards;
 use crate::image::{ImageCounter, Stamp, TriggerCounter};
 use crate::sky::{ClockQuality, DEG, HOUR, Observer, Utc};
 
@@ -30,6 +31,42 @@ pub(super) fn from_header(header: &Header) -> Stamp {
     }
 }
 
+/// Writes what is known of an image. Angles are in degrees and hours, as in the flight's files.
+pub(super) fn to_cards(stamp: &Stamp, cards: &mut Cards) {
+    cards.text("FRAMEID", &stamp.origin, "where the image came from");
+    cards.integer("IMGCTR", stamp.image.0, "number of the image");
+    if let Some(trigger) = stamp.trigger {
+        cards.integer("TRIGCTR", trigger.0, "number of its series of triggers");
+    }
+    if let Some((middle, quality)) = stamp.captured {
+        cards.text("TIMESYS", "UTC", "time scale of the dates");
+        let start = Utc::from_unix(middle.unix_s() - stamp.exposure_s.unwrap_or(0.0) / 2.0);
+        if let Some(start) = start {
+            cards.text("DATE-OBS", &microseconds(start), "start of the exposure");
+        }
+        cards.text("DATE-AVG", &microseconds(middle), "middle of the exposure");
+        cards.text("CLOCK", clock_name(quality), "quality of the clock");
+    }
+    if let Some(exposure) = stamp.exposure_s {
+        cards.real("EXPTIME", exposure, "[s] one exposure");
+    }
+    cards.integer("NEXP", stamp.exposures.max(1), "exposures added up");
+    if let Some(gain) = stamp.gain_db {
+        cards.real("GAIN", gain, "[dB] gain of the camera");
+    }
+    if let Some(focus) = stamp.focus_counts {
+        cards.integer("FOCUS", focus, "[count] focus position");
+    }
+    if let Some(aperture) = stamp.aperture_counts {
+        cards.integer("APERTURE", aperture, "[count] aperture position, 0 is open");
+    }
+    if let Some(observer) = stamp.observer {
+        cards.real("LAT", observer.latitude / DEG, "[deg] latitude of the observer");
+        cards.real("LST", observer.sidereal_time / HOUR, "[h] local sidereal time");
+    }
+    cards.logical("SIMULATE", stamp.simulated, "taken by a simulated camera or lens");
+}
+
 /// Neither marked as unknown nor a bare −1.
 fn is_known(card: &Card) -> bool {
     let marked = card.comment.to_ascii_uppercase().contains("UNKNOWN");
@@ -48,11 +85,10 @@ fn observer(latitude: Option<Card>, sidereal_time: Option<Card>) -> Option<Obser
 
 /// Middle of the exposure: `DATE-AVG`, or the start `DATE-OBS` and half an exposure.
 fn captured(header: &Header, exposure_s: Option<f64>) -> Option<(Utc, ClockQuality)> {
-    let quality = match header.text("CLOCK").as_deref() {
-        Some("synchronised") => ClockQuality::Synchronised,
-        Some("unset") => ClockQuality::Unset,
-        _ => ClockQuality::FreeRunning,
-    };
+    let said = header.text("CLOCK");
+    let known = [ClockQuality::Unset, ClockQuality::Synchronised].into_iter();
+    let quality = known.into_iter().find(|&quality| said.as_deref() == Some(clock_name(quality)));
+    let quality = quality.unwrap_or(ClockQuality::FreeRunning);
     let middle = header.text("DATE-AVG").and_then(|text| iso(&text));
     let from_start = || {
         let start = header.text("DATE-OBS").and_then(|text| iso(&text))?;
@@ -74,4 +110,23 @@ fn iso(text: &str) -> Option<Utc> {
         time.next()?.parse().ok()?,
         time.next()?.parse().ok()?,
     )
+}
+
+/// What `CLOCK` says of a clock.
+fn clock_name(quality: ClockQuality) -> &'static str {
+    match quality {
+        ClockQuality::Unset => "unset",
+        ClockQuality::FreeRunning => "free-running",
+        ClockQuality::Synchronised => "synchronised",
+    }
+}
+
+/// ISO 8601 to the microsecond: what a double of seconds since 1970 holds.
+fn microseconds(time: Utc) -> String {
+    let total = (time.unix_s() * 1e6).round() as i64;
+    let seconds = total.div_euclid(1_000_000);
+    // A rounding up past the last second of the range stays within it.
+    let whole = Utc::from_unix(seconds as f64).unwrap_or(time);
+    let (year, month, day, hour, minute, second) = whole.calendar();
+    format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{:02}.{:06}", second.floor(), total.rem_euclid(1_000_000))
 }

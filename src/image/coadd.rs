@@ -1,0 +1,123 @@
+//! Adding up the exposures of one series.
+
+use super::Frame;
+
+/// Most exposures of a series.
+pub const MAX_PARTS: usize = 4;
+
+/// Why exposures could not be added.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum CoaddError {
+    /// None or too many.
+    #[error("{0} exposures, expected 1 to {MAX_PARTS}")]
+    Number(usize),
+    /// A part is not laid out as the first.
+    #[error("part {part} differs from the first in width, height or order of rows")]
+    Layout {
+        /// Its place in the list, from 0.
+        part: usize,
+    },
+}
+
+/// Adds up to four exposures of the same field.
+///
+/// A pixel that is saturated in any exposure is saturated in the sum, at the sum's full scale, because the light that it
+/// lost would bend a centroid unseen: so the full scale of the parts should be set beforehand where the camera's is known
+/// (where it is not, only the end of 16 bits counts as saturated). The sum's full scale is the sum of the parts'. A sum
+/// that 16 bits may not hold (cameras of 15 and 16 bits) is divided by the least whole number that makes it fit.
+/// The stamp is that of the first, with the exposures counted.
+///
+/// # Errors
+/// No part, more than four, or parts of different layouts.
+pub fn coadd(parts: &[Frame]) -> Result<Frame, CoaddError> {
+    let Some((first, others)) = parts.split_first().filter(|_| parts.len() <= MAX_PARTS) else {
+        return Err(CoaddError::Number(parts.len()));
+    };
+    let layout = |frame: &Frame| (frame.width, frame.height, frame.rows, frame.pixels.len());
+    if let Some(i) = others.iter().position(|part| layout(part) != layout(first)) {
+        return Err(CoaddError::Layout { part: i + 1 });
+    }
+
+    // A saturated pixel is marked by a sum beyond any other: no true sum reaches 2³¹.
+    const SATURATED: u32 = 1 << 31;
+    let mut sum = vec![0_u32; first.pixels.len()];
+    for part in parts {
+        let full_scale = part.full_scale.unwrap_or(u16::MAX);
+        for (total, &adu) in sum.iter_mut().zip(&part.pixels) {
+            *total += u32::from(adu);
+            *total |= if adu >= full_scale { SATURATED } else { 0 };
+        }
+    }
+
+    let full_scale: Option<u32> = parts.iter().map(|part| part.full_scale.map(u32::from)).sum();
+    let unsaturated = sum.iter().copied().filter(|total| total & SATURATED == 0);
+    let highest = full_scale.unwrap_or_else(|| unsaturated.max().unwrap_or(0));
+    let divisor = highest.div_ceil(u16::MAX.into()).max(1);
+    let top = full_scale.map_or(u16::MAX, |sum| (sum / divisor) as u16);
+    let scaled = |total: u32| match total & SATURATED {
+        0 if divisor == 1 => total as u16,
+        0 => (total / divisor) as u16,
+        _ => top,
+    };
+
+    let mut stamp = first.stamp.clone();
+    stamp.exposures = parts.iter().fold(0, |n: u8, part| n.saturating_add(part.stamp.exposures.max(1)));
+    stamp.simulated = parts.iter().any(|part| part.stamp.simulated);
+    Ok(Frame { pixels: sum.into_iter().map(scaled).collect(), full_scale: full_scale.map(|_| top), stamp, ..*first })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sky::RowOrder;
+
+    fn part(pixels: [u16; 4], full_scale: Option<u16>) -> Frame {
+        let mut frame = Frame::new(2, 2, pixels.to_vec(), RowOrder::BottomFirst).unwrap();
+        frame.full_scale = full_scale;
+        frame
+    }
+
+    #[test]
+    fn a_pixel_saturated_in_one_exposure_is_saturated_in_the_sum() {
+        let sum = coadd(&[part([10, 4095, 4095, 4094], Some(4095)), part([20, 4095, 100, 4095], Some(4095))]).unwrap();
+        assert_eq!(sum.pixels, [30, 8190, 8190, 8190]);
+        assert_eq!(sum.full_scale, Some(8190));
+    }
+
+    #[test]
+    fn parts_of_an_unknown_full_scale_are_added_as_they_are() {
+        let sum = coadd(&[part([10, 4095, 0, 65_535], None), part([20, 4095, 100, 3], None)]).unwrap();
+        assert_eq!(sum.pixels, [30, 8190, 100, 65_535]);
+        assert_eq!(sum.full_scale, None);
+    }
+
+    #[test]
+    fn sums_beyond_16_bits_are_divided_and_not_clipped() {
+        let sum = coadd(&[part([40_000, 65_535, 65_534, 0], Some(65_535)), part([50_000, 1, 65_534, 3], Some(65_535))]).unwrap();
+        assert_eq!((sum.pixels.as_slice(), sum.full_scale), ([45_000, 65_535, 65_534, 1].as_slice(), Some(65_535)));
+        let sum = coadd(&[part([40_000, 65_535, 0, 8], None), part([50_000, 1, 0, 2], None)]).unwrap();
+        assert_eq!((sum.pixels.as_slice(), sum.full_scale), ([45_000, 65_535, 0, 5].as_slice(), None));
+    }
+
+    #[test]
+    fn the_stamp_is_the_first_with_the_exposures_counted() {
+        let mut parts = vec![part([0; 4], None); 3];
+        parts[0].stamp.origin = "first".to_owned();
+        parts[1].stamp.exposures = 2;
+        parts[2].stamp.simulated = true;
+        let stamp = coadd(&parts).unwrap().stamp;
+        assert_eq!((stamp.origin.as_str(), stamp.exposures, stamp.simulated), ("first", 4, true));
+    }
+
+    #[test]
+    fn parts_that_do_not_belong_together_are_refused() {
+        let first = part([0; 4], None);
+        assert_eq!(coadd(&[]), Err(CoaddError::Number(0)));
+        assert_eq!(coadd(&vec![first.clone(); 5]), Err(CoaddError::Number(5)));
+        let mut turned = first.clone();
+        turned.rows = RowOrder::TopFirst;
+        assert_eq!(coadd(&[first.clone(), first.clone(), turned]), Err(CoaddError::Layout { part: 2 }));
+        let wide = Frame::new(4, 1, vec![0; 4], RowOrder::BottomFirst).unwrap();
+        assert_eq!(coadd(&[first, wide]), Err(CoaddError::Layout { part: 1 }));
+    }
+}
