@@ -18,6 +18,7 @@ mod name;
 mod raster;
 mod read;
 mod statistics;
+mod tiff;
 mod write;
 
 pub use bad_pixels::{BadPixels, BadPixelsError};

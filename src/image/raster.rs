@@ -6,8 +6,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use ::image::codecs::{jpeg::JpegDecoder, png::PngDecoder, tiff::TiffDecoder};
 use ::image::{DynamicImage, ImageDecoder, ImageResult, Limits};
 
-use super::Frame;
 use super::read::{Problem, check_size};
+use super::{Frame, tiff};
 use crate::sky::RowOrder;
 
 /// What a decoder may allocate beside the image itself, and the largest image that is decoded whatever the size of its
@@ -65,7 +65,10 @@ fn decode(format: Format, bytes: &[u8]) -> Result<DynamicImage, Problem> {
     let mut limits = Limits::default();
     limits.max_alloc = Some(ALLOWANCE as u64);
     match format {
-        Format::Tiff => finish(TiffDecoder::new(file), limits, bytes.len()),
+        Format::Tiff => {
+            tiff::check_tags(bytes)?;
+            finish(TiffDecoder::new(file), limits, bytes.len())
+        }
         Format::Png => finish(PngDecoder::with_limits(file, limits.clone()), limits, bytes.len()),
         Format::Jpeg => {
             // The decoder fills the missing part of a cut file with grey and is content.

@@ -1,0 +1,75 @@
+#!/usr/bin/env python3
+"""Writes first inputs for fuzzing into fuzz/corpus: whole files and messages, from which the fuzzer cuts and bends its own.
+
+Images are in fuzz/seeds; the rest comes from what the project has: the golden messages, the flight file, the catalogue.
+"""
+
+import math
+import pathlib
+import struct
+
+HERE = pathlib.Path(__file__).resolve().parent
+PROJECT = HERE.parent
+FIELD_PX, PLATESCALE = (160, 128), math.radians(200 / 3600)  # as in fuzz_targets/solve.rs
+
+
+def put(target, name, data):
+    directory = HERE / "corpus" / target
+    directory.mkdir(parents=True, exist_ok=True)
+    (directory / name).write_bytes(data)
+
+
+def messages():
+    for path in sorted((PROJECT / "proto/golden").glob("*/*.hex")):
+        lines = (line.split("#")[0] for line in path.read_text().splitlines())
+        frame = bytes.fromhex("".join(lines))
+        put("wire", path.stem, bytes([7]) + frame)
+        # Between the sync word with the length, and the checksum: kind, version, body.
+        put("body", path.stem, frame[8:-4])
+
+
+def catalogue():
+    """The first 200 stars; the target puts the checksums right."""
+    head = bytearray((PROJECT / "config/catalog/stars.bin").read_bytes()[: 64 + 200 * 17])
+    head[12:16] = struct.pack("<I", 200)
+    put("catalogue", "head", bytes(head))
+    put("catalogue", "one", bytes(head[:12]) + struct.pack("<I", 1) + bytes(head[16 : 64 + 17]))
+
+
+def sky(ra, dec, stars=16):
+    """A frame of real stars, in the five bytes a star of the target."""
+    data = (PROJECT / "config/catalog/stars.bin").read_bytes()
+    (count,) = struct.unpack_from("<I", data, 12)
+    drawn = []
+    for index in range(min(count, 20000)):
+        star_ra, star_dec = struct.unpack_from("<Ii", data, 64 + 17 * index)
+        a, d = star_ra * math.tau / 2**32 - ra, star_dec * math.tau / 2**32
+        depth = math.sin(dec) * math.sin(d) + math.cos(dec) * math.cos(d) * math.cos(a)
+        if depth < 0.9:
+            continue
+        east = math.cos(d) * math.sin(a) / depth / PLATESCALE
+        north = (math.cos(dec) * math.sin(d) - math.sin(dec) * math.cos(d) * math.cos(a)) / depth / PLATESCALE
+        x, y = FIELD_PX[0] / 2 - east, FIELD_PX[1] / 2 + north
+        if 3 < x < FIELD_PX[0] - 3 and 3 < y < FIELD_PX[1] - 3:
+            drawn.append((x * 256 / FIELD_PX[0], y * 256 / FIELD_PX[1]))
+    body = b"".join(bytes([int(x), int(y), max(20, 200 - 10 * n), 12, 0]) for n, (x, y) in enumerate(drawn[:stars]))
+    return bytes([4, 20, 255, min(stars, len(drawn))]) + body
+
+
+def main():
+    messages()
+    catalogue()
+    for n, (ra, dec) in enumerate([(1.4, 0.1), (4.2, -0.5), (5.4, 0.8)]):
+        put("solve", f"sky{n}", sky(ra, dec))
+    put("solve", "blank", bytes([4, 0, 255, 0]))
+    put("bad_pixels", "list", b"# dead\n3 4\n23 15\n0 0\n")
+    for source in (PROJECT / "config").glob("*.toml"):
+        put("settings", source.name, source.read_bytes())
+    put("settings", "assignment", b"solver.matching.min_matched=6")
+    for directory in (HERE / "seeds").iterdir():
+        for source in directory.iterdir():
+            put(directory.name, source.name, source.read_bytes())
+
+
+if __name__ == "__main__":
+    main()
