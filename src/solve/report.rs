@@ -229,6 +229,15 @@ pub enum Correction {
 impl Report {
     /// The report of an outcome whose matches point into `catalogue`.
     pub fn new(outcome: &Outcome, catalogue: &Catalogue) -> Self {
+        let mut report = Self::without_stars(outcome);
+        if let Some(solution) = &outcome.solution {
+            name_stars(&mut report.sources, solution, catalogue);
+        }
+        report
+    }
+
+    /// The report of an outcome whose matches, if it has any, cannot be named: none of its sources has a star.
+    pub fn without_stars(outcome: &Outcome) -> Self {
         let stamp = &outcome.stamp;
         let solution = outcome.solution.as_ref();
         Self {
@@ -252,7 +261,7 @@ impl Report {
             prior: PriorReport::new(&outcome.prior),
             prior_disagreement_deg: outcome.prior_disagreement.and_then(degrees),
             stats: outcome.statistics.as_ref().map_or_else(StatisticsReport::default, StatisticsReport::new),
-            sources: source_entries(&outcome.sources, solution, catalogue),
+            sources: outcome.sources.iter().enumerate().map(|(id, source)| source_entry(id, source)).collect(),
             triangles: outcome.triangles.clone(),
             time_ms: TimesReport::new(&outcome.times),
             corrections: solution.map_or_else(Vec::new, corrections_of),
@@ -352,10 +361,8 @@ impl TimesReport {
     }
 }
 
-/// Every source with the star that the solution matched to it.
-fn source_entries(sources: &[SourceReport], solution: Option<&Solution>, catalogue: &Catalogue) -> Vec<SourceEntry> {
-    let mut entries: Vec<SourceEntry> = sources.iter().enumerate().map(|(id, source)| source_entry(id, source)).collect();
-    let Some(solution) = solution else { return entries };
+/// Gives every matched source its star.
+fn name_stars(entries: &mut [SourceEntry], solution: &Solution, catalogue: &Catalogue) {
     let years = solution.epoch_yr.map_or(0.0, |epoch| epoch - catalogue.header.epoch_yr);
     for pair in &solution.matches {
         let (Some(entry), Some(star)) = (entries.get_mut(pair.source), catalogue.stars.get(pair.star)) else { continue };
@@ -369,7 +376,6 @@ fn source_entries(sources: &[SourceReport], solution: Option<&Solution>, catalog
             residual_px: finite(pair.residual_px.0.hypot(pair.residual_px.1)),
         });
     }
-    entries
 }
 
 fn source_entry(id: usize, source: &SourceReport) -> SourceEntry {
