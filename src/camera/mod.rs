@@ -1,1 +1,57 @@
-//! The camera room: where frames come from: a directory of images, a simulated sky.
+//! The camera room: where frames come from, behind one trait, [`Source`].
+//!
+//! A directory of image files ([`Directory`]) and a simulated sky ([`SimulatedSky`]). A source is blocking and knows no
+//! schedule: the camera's actor asks it for each frame. Uses the rooms before it and the disk; no clock, no runtime: the
+//! time comes in with each [`Moment`].
+
+mod directory;
+mod sky;
+
+pub use directory::Directory;
+pub use sky::{Gondola, SimulatedSky};
+
+use crate::image::{Frame, ImageCounter};
+use crate::sky::{ClockQuality, Utc};
+use std::time::Duration;
+
+/// The moment at which a source is asked for a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Moment {
+    /// The number that the frame will have.
+    pub image: ImageCounter,
+    /// Time since the service's start, from a clock that never jumps.
+    pub uptime: Duration,
+    /// UTC, where there is a believable clock.
+    pub utc: Option<Utc>,
+    /// How far that clock can be believed.
+    pub quality: ClockQuality,
+}
+
+/// Something that gives frames. May block for as long as a frame takes.
+pub trait Source: Send {
+    /// The next frame.
+    ///
+    /// # Errors
+    ///
+    /// See [`CameraError`]; after any of them the source may be asked again.
+    fn next(&mut self, moment: &Moment) -> Result<Frame, CameraError>;
+}
+
+/// Why there is no frame.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CameraError {
+    /// There is nothing to show at the moment: all images were shown, and no new one came.
+    #[error("no new image")]
+    NothingNew,
+    /// An image was there and could not be read; the next may be better.
+    #[error("{origin}: {problem}")]
+    Unreadable {
+        /// The file or files.
+        origin: String,
+        /// What is wrong.
+        problem: String,
+    },
+    /// No image can be had for now.
+    #[error("{0}")]
+    Unavailable(String),
+}

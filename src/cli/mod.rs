@@ -10,6 +10,7 @@ mod file;
 mod font;
 mod overlay;
 mod render;
+mod run;
 mod settings;
 mod solve;
 mod text;
@@ -34,6 +35,7 @@ struct Cli {
 enum Command {
     Catalog(catalog::Args),
     Render(render::Args),
+    Run(run::Args),
     Settings(settings::Args),
     Solve(solve::Args),
 }
@@ -43,6 +45,7 @@ impl Command {
         match self {
             Self::Catalog(args) => args.run(),
             Self::Render(args) => args.run(),
+            Self::Run(args) => args.run(),
             Self::Settings(args) => args.run(),
             Self::Solve(args) => args.run(),
         }

@@ -1,5 +1,258 @@
-//! The service room: the actors and the channels between them.
+//! The service room: the actors, the channels between them, and nothing that decides.
+//!
+//! [`start`] wires it together. Each actor is one file with one `run` loop; what it decides, it asks of the rooms before this
+//! one. The hub owns what is true now and publishes it as one immutable [`State`]; everybody else reads that.
+//!
+//! | channel | carries | holds | when it is full |
+//! |---|---|---|---|
+//! | camera → solver | a captured frame and its prior | 2 | the camera waits; the solver always takes: its newest frame waits, the one that it replaces ends as `skipped` |
+//! | camera → hub | image numbers, unreadable images | 64, shared | the sender waits; the hub awaits nobody, so that this is short |
+//! | solver → hub | outcomes, readiness | the same | as above |
+//! | session → hub | connections, statuses | the same | as above: this one peer is read later; its updates go on |
+//! | recorder, supervisor → hub | what was kept, lost, started again | the same | as above; the supervisor drops the count |
+//! | hub → recorder | outcomes | 64 | counted as lost; the recorder always takes: beyond `record.queue_frames` the oldest is lost and counted |
+//! | hub → everybody | [`State`] | the newest | replaced |
+//! | session → TCP | updates | 32 KiB of the kernel | the session waits up to `network.silence_s`, skipping its ticks, then closes |
+//!
+//! No channel leads in a circle of waiting: the hub never waits for a send. [`Running::stop`] ends the edges first, then the
+//! solver, the hub and the recorder, so that the last outcome still reaches the disk.
 
+mod camera;
+mod clock;
 mod codec;
+mod hub;
+mod inbox;
+mod listener;
+mod parts;
+mod recorder;
+mod session;
+mod solver;
+mod state;
+mod supervisor;
+mod update;
 
+pub use camera::MakeSource;
+pub use clock::{Clock, utc_now};
 pub use codec::{Codec, LinkError};
+pub use parts::Parts;
+pub use session::Closed;
+pub use solver::{MakeSolver, Solve};
+pub use state::{Actor, CameraState, Counters, Finished, Peer, Readiness, Simulated, State};
+
+use crate::settings::Settings;
+use crate::wire::{Hello, Role};
+use camera::CameraActor;
+use hub::Hub;
+use listener::Listener;
+use recorder::Recorder;
+use session::Shared;
+use solver::SolverActor;
+use std::net::{IpAddr, SocketAddr};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, AtomicU64};
+use std::time::Duration;
+use supervisor::{Backoff, Ended, supervise};
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::TcpListener;
+use tokio::sync::{Semaphore, watch};
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+use tracing::{Instrument, Span};
+
+/// Messages that may wait for the hub: some seconds of everything that can happen in the ordinary way.
+const HUB_INBOX: usize = 64;
+/// Frames that may wait for the solver's actor, which takes them at once.
+const SOLVER_INBOX: usize = 2;
+/// Outcomes that may wait for the recorder's actor, which takes them at once.
+const RECORDER_INBOX: usize = 64;
+/// Time that each stage gets to end: four of them stay under 2 s.
+const STAGE_ENDS_WITHIN: Duration = Duration::from_millis(450);
+/// The camera's number in its hello.
+const CAMERA_ID: u8 = 1;
+
+/// Why the service did not start.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// The address cannot be had.
+    #[error("network.listen = \"{address}\": {error}")]
+    Listen {
+        /// The address of the settings.
+        address: String,
+        /// Why not.
+        error: std::io::Error,
+    },
+    /// Not an address.
+    #[error("network.peers: \"{0}\" is no IP address")]
+    Peer(String),
+}
+
+/// Actors that end together.
+#[derive(Default)]
+struct Stage {
+    stop: CancellationToken,
+    tracker: TaskTracker,
+}
+
+impl Stage {
+    /// Whether all of it ended in time.
+    async fn end(&self) -> bool {
+        self.stop.cancel();
+        self.tracker.close();
+        tokio::time::timeout(STAGE_ENDS_WITHIN, self.tracker.wait()).await.is_ok()
+    }
+}
+
+/// The running service.
+pub struct Running {
+    /// The address that flight computers connect to.
+    pub address: SocketAddr,
+    /// What is true now.
+    pub state: watch::Receiver<Arc<State>>,
+    /// The service's clock.
+    pub clock: Clock,
+    listener: Listener,
+    /// In the order in which they are to end.
+    stages: [(&'static str, Stage); 4],
+}
+
+impl Running {
+    /// Serves a stream as if it had come from `address` through the socket: for simulated flight computers in this process.
+    pub async fn serve<S: AsyncRead + AsyncWrite + Send + 'static>(&self, stream: S, address: SocketAddr) {
+        self.listener.take(stream, address).await;
+    }
+
+    /// Ends the service within 2 s: no further frame, the current one aborted, the last outcome kept. Names what did not end
+    /// in time, if anything.
+    pub async fn stop(self) -> Vec<&'static str> {
+        let mut late = Vec::new();
+        for (name, stage) in &self.stages {
+            if !stage.end().await {
+                late.push(*name);
+            }
+        }
+        late
+    }
+}
+
+/// Starts the service of the settings on its own address.
+///
+/// # Errors
+/// See [`StartError`].
+pub async fn start(settings: Arc<Settings>) -> Result<Running, StartError> {
+    let address = settings.network.listen.clone();
+    let listener = TcpListener::bind(&address).await.map_err(|error| StartError::Listen { address, error })?;
+    let parts = Parts::of(&settings);
+    start_with(settings, parts, listener)
+}
+
+/// Starts the service with the given camera and solver on a bound socket.
+///
+/// # Errors
+/// See [`StartError`].
+pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) -> Result<Running, StartError> {
+    let address = socket.local_addr().map_err(|error| StartError::Listen { address: settings.network.listen.clone(), error })?;
+    let allowed = addresses(&settings.network.peers)?;
+    let clock = Clock::start();
+    let simulated = Simulated::of(&settings);
+    let (publish, state) = watch::channel(Arc::new(State::new(simulated)));
+    let [edges, solving, owning, keeping] = std::array::from_fn(|_| Stage::default());
+    let (to_hub, hub_inbox) = inbox::channel(HUB_INBOX);
+    let (to_solver, solver_inbox) = inbox::channel(SOLVER_INBOX);
+    let (to_recorder, recorder_inbox) = inbox::channel(RECORDER_INBOX);
+    let hub = hub::Handle::new(to_hub);
+    let backoff = Backoff::new(&settings.service);
+    let span = if simulated.any() { tracing::info_span!("simulated") } else { Span::none() };
+    span.in_scope(|| tracing::info!(%address, camera = ?settings.camera.kind, lens = ?settings.lens.kind, "serving"));
+    let watchman = Watchman { hub: hub.clone(), backoff, span };
+
+    if settings.record.enabled {
+        let recorder = Recorder {
+            inbox: recorder_inbox,
+            hub: hub.clone(),
+            file: Path::new(&settings.record.directory).join(recorder::file_name(&clock)),
+            queue: settings.record.queue_frames as usize,
+            backoff,
+            stop: keeping.stop.clone(),
+        };
+        watchman.keep(&keeping, Actor::Recorder, move || recorder.clone().run());
+    }
+    let owner = Hub {
+        inbox: hub_inbox,
+        state: Arc::new(publish),
+        recorder: settings.record.enabled.then_some(to_recorder),
+        clock,
+        stop: owning.stop.clone(),
+    };
+    watchman.keep(&owning, Actor::Hub, move || owner.clone().run());
+    let solver = SolverActor {
+        inbox: solver_inbox,
+        hub: hub.clone(),
+        make: parts.solver,
+        timeout: Duration::from_secs_f64(settings.solver.timeout_s),
+        stop: solving.stop.clone(),
+    };
+    watchman.keep(&solving, Actor::Solver, move || solver.clone().run());
+    let shared = Arc::new(Shared {
+        hello: Hello::new(
+            Role::Camera,
+            CAMERA_ID,
+            &settings.camera.name,
+            clock.boot_id(),
+            Some(settings.fingerprint() as u32), // the lower half tells settings apart well enough
+        ),
+        settings: Arc::clone(&settings),
+        clock,
+        state: state.clone(),
+        hub: hub.clone(),
+        stop: edges.stop.clone(),
+    });
+    let listener = Listener {
+        socket: Arc::new(socket),
+        allowed,
+        places: Arc::new(Semaphore::new(settings.network.max_connections as usize)),
+        next: Arc::new(AtomicU64::new(1)),
+        shared,
+        tracker: edges.tracker.clone(),
+    };
+    let door = listener.clone();
+    watchman.keep(&edges, Actor::Listener, move || door.clone().run());
+    if let Some(make) = parts.camera {
+        let camera = CameraActor {
+            make,
+            solver: to_solver,
+            hub,
+            numbers: Arc::new(AtomicU32::new(0)),
+            state: state.clone(),
+            settings,
+            clock,
+            stop: edges.stop.clone(),
+        };
+        watchman.keep(&edges, Actor::Camera, move || camera.clone().run());
+    }
+    let stages = [("camera or connections", edges), ("solver", solving), ("hub", owning), ("recorder", keeping)];
+    Ok(Running { address, state, clock, listener, stages })
+}
+
+/// Puts actors under the supervisor.
+struct Watchman {
+    hub: hub::Handle,
+    backoff: Backoff,
+    span: Span,
+}
+
+impl Watchman {
+    /// Keeps an actor running until its stage ends; `start` makes it anew each time.
+    fn keep<F, A>(&self, stage: &Stage, actor: Actor, start: F)
+    where
+        F: FnMut() -> A + Send + 'static,
+        A: Future<Output = Result<(), Ended>> + Send + 'static,
+    {
+        let kept = supervise(actor, self.hub.clone(), self.backoff, stage.stop.clone(), start);
+        stage.tracker.spawn(kept.instrument(self.span.clone()));
+    }
+}
+
+fn addresses(peers: &[String]) -> Result<Arc<[IpAddr]>, StartError> {
+    peers.iter().map(|text| text.parse().map_err(|_| StartError::Peer(text.clone()))).collect()
+}

@@ -22,7 +22,15 @@ pub struct Horizontal {
     pub roll: f64,
 }
 
+/// How fast sidereal time runs, rad/s: one turn in a mean sidereal day of 86 164.0905 s (IERS Conventions 2010, table 1.1).
+const SIDEREAL_RATE: f64 = std::f64::consts::TAU / 86_164.090_5;
+
 impl Observer {
+    /// The same place when `seconds` have gone by.
+    pub fn after(&self, seconds: f64) -> Self {
+        Self { latitude: self.latitude, sidereal_time: wrap_two_pi(self.sidereal_time + SIDEREAL_RATE * seconds) }
+    }
+
     /// Axes north, east, zenith of the local horizon in the equatorial frame of date.
     fn horizon(&self) -> [Vec3; 3] {
         let (sin_lst, cos_lst) = self.sidereal_time.sin_cos();
@@ -97,6 +105,13 @@ mod tests {
             assert!((h.roll / DEG - h_roll).abs() < 2e-3, "{}", h.roll / DEG);
             assert!(separation(&observer.direction_of(h.azimuth, h.elevation), &attitude.boresight()) < 1e-9);
         }
+    }
+
+    #[test]
+    fn a_sidereal_day_later_the_sky_is_back() {
+        let observer = Observer { latitude: -1.3, sidereal_time: 6.1 };
+        assert!((observer.after(86_164.090_5).sidereal_time - 6.1).abs() < 1e-12);
+        assert!((observer.after(3600.0).sidereal_time - wrap_two_pi(6.1 + 15.041_067 * DEG)).abs() < 1e-8);
     }
 
     #[test]

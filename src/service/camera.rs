@@ -1,0 +1,134 @@
+//! The camera's actor: asks the source for a frame on its schedule, stamps it, and hands it to the solver.
+
+use super::clock::{Clock, utc_now};
+use super::hub::{self, ToHub};
+use super::solver::{self, Captured};
+use super::state::{CameraState, Finished, State};
+use super::supervisor::{Ended, panic_message, panic_text};
+use crate::camera::{CameraError, Moment, Source};
+use crate::image::{Frame, ImageCounter, Stamp};
+use crate::settings::Settings;
+use crate::solve::{Outcome, Reason};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+use tokio::sync::watch;
+use tokio::time::{Instant, MissedTickBehavior};
+use tokio_util::sync::CancellationToken;
+
+/// Makes a source; blocking. The error says why there is none for now.
+pub type MakeSource = Arc<dyn Fn() -> Result<Box<dyn Source>, String> + Send + Sync>;
+
+/// The camera's actor.
+#[derive(Clone)]
+pub struct CameraActor {
+    /// Makes a source.
+    pub make: MakeSource,
+    /// Where frames go.
+    pub solver: solver::Handle,
+    /// Whom to tell of frames, and of images that were none.
+    pub hub: hub::Handle,
+    /// The number of the next image; it outlives the actor, so that no number is given twice.
+    pub numbers: Arc<AtomicU32>,
+    /// The newest state, for what is known of the pointing at a capture.
+    pub state: watch::Receiver<Arc<State>>,
+    /// The settings in force.
+    pub settings: Arc<Settings>,
+    /// The service's clock.
+    pub clock: Clock,
+    /// When to end.
+    pub stop: CancellationToken,
+}
+
+/// What the blocking pool gives back: the source for the next time, and the frame.
+struct Shot {
+    source: Option<Box<dyn Source>>,
+    frame: Result<Frame, CameraError>,
+}
+
+impl CameraActor {
+    /// Runs until stopped.
+    pub async fn run(self) -> Result<(), Ended> {
+        let camera = &self.settings.camera;
+        let first = self.clock.started() + Duration::from_secs_f64(camera.startup_delay_s);
+        let mut schedule = tokio::time::interval_at(first.max(Instant::now()), Duration::from_secs_f64(camera.period_s));
+        schedule.set_missed_tick_behavior(MissedTickBehavior::Skip);
+        let mut source = None;
+        loop {
+            tokio::select! {
+                biased;
+                () = self.stop.cancelled() => return Ok(()),
+                _ = schedule.tick() => {}
+            }
+            match self.stop.run_until_cancelled(self.take_one(source.take())).await {
+                None => return Ok(()),
+                Some(kept) => source = kept?,
+            }
+        }
+    }
+
+    /// Takes one frame on its way; gives the source back.
+    async fn take_one(&self, source: Option<Box<dyn Source>>) -> Result<Option<Box<dyn Source>>, Ended> {
+        let at = Instant::now();
+        let image = ImageCounter(self.numbers.load(Ordering::Relaxed));
+        let uptime = self.clock.tick(at);
+        let state = Arc::clone(&self.state.borrow());
+        let make = Arc::clone(&self.make);
+        let job = tokio::task::spawn_blocking(move || shoot(source, &make, image, uptime));
+        let Shot { source, frame } = job.await.map_err(|error| Ended(panic_message(error)))?;
+        match frame {
+            Ok(mut frame) => {
+                self.number(image, &state, &mut frame.stamp).await;
+                self.tell(&state, CameraState::Working).await;
+                let prior = state.prior(at, &self.settings.observer);
+                let captured = Captured { frame: Arc::new(frame), at, prior };
+                self.solver.send(captured).await.map_err(|_| Ended("the solver's inbox is gone".to_owned()))?;
+            }
+            Err(CameraError::Unreadable { origin, problem }) => {
+                let mut stamp = Stamp { origin, ..Stamp::default() };
+                self.number(image, &state, &mut stamp).await;
+                self.tell(&state, CameraState::Working).await;
+                let outcome = Outcome::unsolved(stamp, Reason::Unreadable, problem);
+                self.hub.tell(ToHub::Finished(Box::new(Finished::without_stars(outcome, at)))).await;
+            }
+            Err(none) => self.tell(&state, CameraState::Unavailable(none.to_string())).await,
+        }
+        Ok(source)
+    }
+
+    /// Gives an image its number, the series of triggers that it belongs to, and the mark of a simulation.
+    async fn number(&self, image: ImageCounter, state: &State, stamp: &mut Stamp) {
+        let next = ImageCounter(image.0.wrapping_add(1));
+        self.numbers.store(next.0, Ordering::Relaxed);
+        stamp.image = image;
+        stamp.trigger = stamp.trigger.or_else(|| state.trigger());
+        stamp.simulated |= state.simulated.any();
+        self.hub.tell(ToHub::Captured { next }).await;
+    }
+
+    /// Tells how the camera is where that changed.
+    async fn tell(&self, before: &State, now: CameraState) {
+        if before.camera != now {
+            if let CameraState::Unavailable(why) = &now {
+                tracing::warn!(why, "no frame from the camera");
+            }
+            self.hub.tell(ToHub::Camera(now)).await;
+        }
+    }
+}
+
+/// One frame, on the blocking pool. A source that panics over an image has lost that image and is asked for the next one.
+fn shoot(source: Option<Box<dyn Source>>, make: &MakeSource, image: ImageCounter, uptime: Duration) -> Shot {
+    let mut source = match source.map_or_else(|| make(), Ok) {
+        Ok(source) => source,
+        Err(why) => return Shot { source: None, frame: Err(CameraError::Unavailable(why)) },
+    };
+    let (utc, quality) = utc_now();
+    let moment = Moment { image, uptime, utc, quality };
+    let frame = catch_unwind(AssertUnwindSafe(|| source.next(&moment))).unwrap_or_else(|panic| {
+        let problem = format!("the camera panicked: {}", panic_text(panic.as_ref()));
+        Err(CameraError::Unreadable { origin: format!("image {}", image.0), problem })
+    });
+    Shot { source: Some(source), frame }
+}

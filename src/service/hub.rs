@@ -1,0 +1,240 @@
+//! The hub: the one owner of what is true now. It takes what the others tell, and publishes an immutable [`State`].
+
+use super::clock::Clock;
+use super::inbox::Inbox;
+use super::recorder;
+use super::session::Closed;
+use super::state::{Actor, CameraState, Finished, Peer, Readiness, State};
+use super::supervisor::Ended;
+use crate::command::{Decision, Event, FlightComputer};
+use crate::image::ImageCounter;
+use crate::solve::Reason;
+use crate::wire::Status;
+use std::sync::Arc;
+use tokio::sync::{mpsc, watch};
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+
+/// What the hub is told.
+#[derive(Debug)]
+pub enum ToHub {
+    /// The camera gave a frame, or an image that could not be read; the next will have this number.
+    Captured {
+        /// Number of the next image.
+        next: ImageCounter,
+    },
+    /// What the camera does now.
+    Camera(CameraState),
+    /// Whether frames can be solved.
+    Readiness(Readiness),
+    /// The frame that is being solved.
+    Solving(Option<ImageCounter>),
+    /// A frame ended in its outcome.
+    Finished(Box<Finished>),
+    /// A flight computer connected.
+    Connected {
+        /// Who.
+        computer: FlightComputer,
+        /// The number of the connection.
+        connection: u64,
+    },
+    /// A flight computer sent its status.
+    Status {
+        /// Who.
+        computer: FlightComputer,
+        /// The number of the connection.
+        connection: u64,
+        /// What it says.
+        status: Box<Status>,
+        /// When it came.
+        at: Instant,
+    },
+    /// A connection ended.
+    Closed {
+        /// The number of the connection.
+        connection: u64,
+        /// Why.
+        why: Closed,
+    },
+    /// An outcome is on disk.
+    Recorded,
+    /// An outcome could not be kept.
+    RecordLost,
+    /// The disk refused.
+    DiskError,
+    /// An actor was started again.
+    Restarted(Actor),
+}
+
+/// Tells the hub things.
+#[derive(Debug, Clone)]
+pub struct Handle(mpsc::Sender<ToHub>);
+
+impl Handle {
+    /// A handle on the sending end of the hub's inbox.
+    pub fn new(sender: mpsc::Sender<ToHub>) -> Self {
+        Self(sender)
+    }
+
+    /// Tells the hub, waiting for room. Without a hub, which is only at the very end, nobody is left to be told.
+    pub async fn tell(&self, message: ToHub) {
+        let _ = self.0.send(message).await;
+    }
+
+    /// Tells the hub if there is room.
+    pub fn try_tell(&self, message: ToHub) {
+        if let Err(error) = self.0.try_send(message) {
+            tracing::warn!(%error, "the hub was not told");
+        }
+    }
+}
+
+/// The hub's actor.
+#[derive(Clone)]
+pub struct Hub {
+    /// What it is told.
+    pub inbox: Inbox<ToHub>,
+    /// Where the state is published; a hub that is started again goes on from what was published last.
+    pub state: Arc<watch::Sender<Arc<State>>>,
+    /// Where outcomes go to be kept; `None` where they are not.
+    pub recorder: Option<recorder::Handle>,
+    /// The time that the arbitration counts in.
+    pub clock: Clock,
+    /// When to end.
+    pub stop: CancellationToken,
+}
+
+impl Hub {
+    /// Runs until stopped; then what it was told before is still taken.
+    pub async fn run(self) -> Result<(), Ended> {
+        let mut inbox = self.inbox.open().await;
+        let mut state = State::clone(&self.state.borrow());
+        loop {
+            let lapse = state.charge.deadline().map(|tick| self.clock.started() + tick);
+            tokio::select! {
+                biased;
+                Some(message) = inbox.recv() => self.take(&mut state, message),
+                () = sleep_until(lapse) => self.arbitrate(&mut state, Event::Time, Instant::now()),
+                () = self.stop.cancelled() => return Ok(()),
+            }
+            self.state.send_replace(Arc::new(state.clone()));
+        }
+    }
+
+    /// Takes what it was told into the state.
+    fn take(&self, state: &mut State, message: ToHub) {
+        let counters = &mut state.counters;
+        match message {
+            ToHub::Captured { next } => {
+                counters.next_image = next;
+                counters.frames_taken = counters.frames_taken.saturating_add(1);
+            }
+            ToHub::Camera(camera) => state.camera = camera,
+            ToHub::Readiness(readiness) => state.readiness = readiness,
+            ToHub::Solving(image) => state.solving = image,
+            ToHub::Finished(finished) => self.take_outcome(state, Arc::from(finished)),
+            ToHub::Connected { computer, connection } => self.take_connection(state, computer, connection),
+            ToHub::Status { computer, connection, status, at } => self.take_status(state, computer, connection, status, at),
+            ToHub::Closed { connection, why } => {
+                let count = counters.closed.entry(why).or_default();
+                *count = count.saturating_add(1);
+                self.take_end(state, connection);
+            }
+            ToHub::Recorded => counters.records_written = counters.records_written.saturating_add(1),
+            ToHub::RecordLost => counters.records_lost = counters.records_lost.saturating_add(1),
+            ToHub::DiskError => counters.disk_errors = counters.disk_errors.saturating_add(1),
+            ToHub::Restarted(actor) => {
+                let count = counters.restarts.entry(actor).or_default();
+                *count = count.saturating_add(1);
+            }
+        }
+    }
+
+    fn take_outcome(&self, state: &mut State, finished: Arc<Finished>) {
+        let outcome = &finished.outcome;
+        log_outcome(&finished);
+        let counters = &mut state.counters;
+        let counter = match outcome.reason {
+            Reason::Solved => Some(&mut counters.frames_solved),
+            Reason::Skipped => Some(&mut counters.frames_skipped),
+            Reason::Unreadable => Some(&mut counters.frames_unreadable),
+            _ => None,
+        };
+        if let Some(counter) = counter {
+            *counter = counter.saturating_add(1);
+        }
+        if state.solving == Some(outcome.stamp.image) {
+            state.solving = None;
+        }
+        if let Some(recorder) = &self.recorder
+            && recorder.try_send(Arc::clone(&finished)).is_err()
+        {
+            counters.records_lost = counters.records_lost.saturating_add(1);
+        }
+        if outcome.reason != Reason::Skipped {
+            state.latest = Some(finished);
+        }
+    }
+
+    fn take_connection(&self, state: &mut State, computer: FlightComputer, connection: u64) {
+        if state.has_replaced(computer, connection) {
+            return; // It was overtaken by a later connection of the same computer, and will see that itself.
+        }
+        let now = Instant::now();
+        state.peers.retain(|peer| peer.computer != computer);
+        state.peers.push(Peer { computer, connection, connected: now, status: None });
+        self.arbitrate(state, Event::Connected(computer), now);
+    }
+
+    fn take_status(&self, state: &mut State, computer: FlightComputer, connection: u64, status: Box<Status>, at: Instant) {
+        let known = state.peers.iter_mut().find(|peer| peer.computer == computer && peer.connection == connection);
+        let Some(peer) = known else { return };
+        let claims = status.claims_charge;
+        let observer = status.observer();
+        peer.status = Some((Arc::from(status), at));
+        self.arbitrate(state, Event::Status { from: computer, claims }, Instant::now());
+        if state.in_charge().is_some_and(|holder| holder.computer == computer)
+            && let Some(observer) = observer
+        {
+            state.observer = Some((observer, at));
+        }
+    }
+
+    fn take_end(&self, state: &mut State, connection: u64) {
+        if let Some(place) = state.peers.iter().position(|peer| peer.connection == connection) {
+            let peer = state.peers.swap_remove(place);
+            self.arbitrate(state, Event::Disconnected(peer.computer), Instant::now());
+        }
+    }
+
+    fn arbitrate(&self, state: &mut State, event: Event, now: Instant) {
+        match state.charge.on(self.clock.tick(now), event) {
+            Decision::Unchanged | Decision::Stranger(_) => {}
+            Decision::Granted(to) => tracing::info!(to = to.0, "in charge"),
+            Decision::Moved { from, to } => tracing::info!(from = from.0, to = to.0, "charge went over"),
+            Decision::Ended { from, lapsed } => tracing::info!(from = from.0, lapsed, "nobody is in charge"),
+        }
+    }
+}
+
+async fn sleep_until(moment: Option<Instant>) {
+    match moment {
+        Some(moment) => tokio::time::sleep_until(moment).await,
+        None => std::future::pending().await,
+    }
+}
+
+/// One line for each outcome: what the flight computers are told, in short.
+fn log_outcome(finished: &Finished) {
+    let report = &finished.report;
+    let (image, origin, reason) = (report.image_counter, report.image.as_str(), report.reason);
+    let ms = format_args!("{:.1}", report.time_ms.total);
+    let pointing = &report.pointing;
+    match (pointing.ra_deg, pointing.dec_deg, pointing.roll_deg) {
+        (Some(ra), Some(dec), Some(roll)) => {
+            let (ra_deg, dec_deg, roll_deg) = (format_args!("{ra:.5}"), format_args!("{dec:.5}"), format_args!("{roll:.4}"));
+            tracing::info!(image, origin, %ra_deg, %dec_deg, %roll_deg, matched = report.matched, %ms, "solved");
+        }
+        _ => tracing::info!(image, origin, %reason, detail = report.detail, %ms, "not solved"),
+    }
+}

@@ -1,0 +1,111 @@
+//! The listener: takes connections and gives each a session of its own.
+
+use super::hub::ToHub;
+use super::session::{Closed, Session, Shared};
+use super::supervisor::{Ended, panic_message};
+use socket2::{SockRef, TcpKeepalive};
+use std::io;
+use std::net::{IpAddr, SocketAddr};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::Semaphore;
+use tokio_util::task::TaskTracker;
+use tracing::Instrument;
+
+/// Pauses after an error of `accept`, such as too many open files: from the first to the longest.
+const PAUSES: (Duration, Duration) = (Duration::from_millis(10), Duration::from_secs(1));
+/// Bytes that may wait in the kernel for a peer that does not read: a handful of updates, as older ones are of no use.
+const SEND_BUFFER: usize = 32 * 1024;
+/// Keepalive probes, for a link that broke without a word: first after 2 s, then every second, lost after three.
+const KEEPALIVE: (Duration, Duration, u32) = (Duration::from_secs(2), Duration::from_secs(1), 3);
+
+/// The listener's actor.
+#[derive(Clone)]
+pub struct Listener {
+    /// The bound socket.
+    pub socket: Arc<TcpListener>,
+    /// Addresses that may connect; empty for any.
+    pub allowed: Arc<[IpAddr]>,
+    /// Places for connections.
+    pub places: Arc<Semaphore>,
+    /// The number of the next connection.
+    pub next: Arc<AtomicU64>,
+    /// What the sessions share.
+    pub shared: Arc<Shared>,
+    /// Where sessions run.
+    pub tracker: TaskTracker,
+}
+
+impl Listener {
+    /// Takes connections until stopped.
+    pub async fn run(self) -> Result<(), Ended> {
+        let mut pause = PAUSES.0;
+        loop {
+            let accepted = tokio::select! {
+                biased;
+                () = self.shared.stop.cancelled() => return Ok(()),
+                accepted = self.socket.accept() => accepted,
+            };
+            match accepted {
+                Ok((stream, address)) => {
+                    pause = PAUSES.0;
+                    if let Err(error) = self.tune(&stream) {
+                        tracing::warn!(%address, %error, "socket options");
+                    }
+                    self.take(stream, address).await;
+                }
+                Err(error) => {
+                    tracing::warn!(%error, "no connection could be taken");
+                    tokio::time::sleep(pause).await;
+                    pause = (pause * 2).min(PAUSES.1);
+                }
+            }
+        }
+    }
+
+    /// Gives a connection its session, or turns it away by closing it.
+    pub async fn take<S: AsyncRead + AsyncWrite + Send + 'static>(&self, stream: S, address: SocketAddr) {
+        let connection = self.next.fetch_add(1, Ordering::Relaxed);
+        let allowed = self.allowed.is_empty() || self.allowed.contains(&address.ip().to_canonical());
+        let place = Arc::clone(&self.places).try_acquire_owned();
+        let (why, place) = match place {
+            _ if !allowed => (Closed::AddressNotAllowed, None),
+            Err(_) => (Closed::TooMany, None),
+            Ok(place) => (Closed::Broke, Some(place)),
+        };
+        let Some(place) = place else {
+            tracing::warn!(%address, ?why, "connection turned away");
+            self.shared.hub.tell(ToHub::Closed { connection, why }).await;
+            return;
+        };
+        let session = Session::new(stream, connection, Arc::clone(&self.shared));
+        let hub = self.shared.hub.clone();
+        let span = tracing::info_span!("session", connection, %address);
+        let watched = async move {
+            match tokio::spawn(session.run().in_current_span()).await {
+                Ok(why) => tracing::info!(?why, "connection closed"),
+                Err(error) => {
+                    tracing::error!(why = panic_message(error), "session broke");
+                    hub.tell(ToHub::Closed { connection, why: Closed::Broke }).await;
+                }
+            }
+            drop(place);
+        };
+        self.tracker.spawn(watched.instrument(span));
+    }
+
+    /// Small writes go at once, a dead link is noticed, and old updates do not pile up.
+    fn tune(&self, stream: &TcpStream) -> io::Result<()> {
+        stream.set_nodelay(true)?;
+        let socket = SockRef::from(stream);
+        let (first, then, lost_after) = KEEPALIVE;
+        socket.set_tcp_keepalive(&TcpKeepalive::new().with_time(first).with_interval(then).with_retries(lost_after))?;
+        socket.set_send_buffer_size(SEND_BUFFER)?;
+        #[cfg(target_os = "linux")]
+        socket.set_tcp_user_timeout(Some(Duration::from_secs_f64(self.shared.settings.network.silence_s)))?;
+        Ok(())
+    }
+}

@@ -1,0 +1,264 @@
+//! A session: one connection of a flight computer.
+//!
+//! After the hellos it does two things that do not wait for each other: it sends the newest state every
+//! `network.update_period_s` on a steady schedule, and reads statuses. Whatever goes wrong ends this session alone, with a
+//! reason that is counted and logged, and with a last message that says it where the peer still listens.
+
+use super::clock::Clock;
+use super::codec::{Codec, LinkError};
+use super::hub::{self, ToHub};
+use super::state::State;
+use super::update::{self, LinkRecord};
+use crate::command::FlightComputer;
+use crate::settings::Settings;
+use crate::wire::{Hello, Message, Refusal, Refuse};
+use futures_util::{SinkExt, StreamExt};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite, ReadHalf, WriteHalf};
+use tokio::sync::watch;
+use tokio::time::{Instant, MissedTickBehavior};
+use tokio_util::codec::{FramedRead, FramedWrite};
+use tokio_util::sync::CancellationToken;
+
+/// Why a connection ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Closed {
+    /// The peer closed it, or the link broke.
+    ByPeer,
+    /// Nothing came for `network.silence_s`.
+    Silent,
+    /// What we sent was not taken for `network.silence_s`.
+    NotReading,
+    /// What came is no message.
+    BadMessage,
+    /// More messages came than a flight computer can mean.
+    Flood,
+    /// The hellos do not fit together: a stranger, or a version that is not spoken.
+    Refused,
+    /// A newer connection of the same flight computer took its place.
+    Replaced,
+    /// All places were taken.
+    TooMany,
+    /// Its address is not one that may connect.
+    AddressNotAllowed,
+    /// The service stops.
+    Stopping,
+    /// The session itself broke.
+    Broke,
+}
+
+/// What all sessions share.
+pub struct Shared {
+    /// The settings in force.
+    pub settings: Arc<Settings>,
+    /// Our hello.
+    pub hello: Hello,
+    /// The service's clock.
+    pub clock: Clock,
+    /// The newest state.
+    pub state: watch::Receiver<Arc<State>>,
+    /// Whom to tell what peers say.
+    pub hub: hub::Handle,
+    /// When to end.
+    pub stop: CancellationToken,
+}
+
+/// Messages that a peer may send between two updates: a flight computer sends two or three.
+const FLOOD: u32 = 256;
+/// A last word that is not taken within this time is not said.
+const LAST_WORD: Duration = Duration::from_millis(100);
+
+/// One connection.
+pub struct Session<S> {
+    from: FramedRead<ReadHalf<S>, Codec>,
+    to: FramedWrite<WriteHalf<S>, Codec>,
+    connection: u64,
+    shared: Arc<Shared>,
+}
+
+impl<S: AsyncRead + AsyncWrite> Session<S> {
+    /// A session on a stream, with the number of the connection.
+    pub fn new(stream: S, connection: u64, shared: Arc<Shared>) -> Self {
+        let (from, to) = tokio::io::split(stream);
+        Self { from: FramedRead::new(from, Codec::default()), to: FramedWrite::new(to, Codec::default()), connection, shared }
+    }
+
+    /// Runs until the connection ends for whatever reason, and tells the hub of its peer and of its end.
+    pub async fn run(mut self) -> Closed {
+        let stop = self.shared.stop.clone();
+        let greeted = stop.run_until_cancelled(self.greet()).await;
+        let why = match greeted {
+            None => Closed::Stopping,
+            Some(Err(why)) => why,
+            Some(Ok(computer)) => self.converse(computer).await,
+        };
+        self.say_why(why).await;
+        self.shared.hub.tell(ToHub::Closed { connection: self.connection, why }).await;
+        why
+    }
+
+    /// The hellos: ours at once, then theirs. Who it is, where both fit together.
+    async fn greet(&mut self) -> Result<FlightComputer, Closed> {
+        let silence = self.shared.silence();
+        let hello = Message::Hello(Box::new(self.shared.hello));
+        send(&mut self.to, &hello, silence).await?;
+        let theirs = match tokio::time::timeout(silence, self.from.next()).await {
+            Err(_) => return Err(Closed::Silent),
+            Ok(first) => received(first)?,
+        };
+        let agreed = match &theirs {
+            Message::Hello(theirs) => self.shared.hello.agree(theirs).map(|_| FlightComputer(theirs.id)),
+            _ => Err(Refuse::new(Refusal::NotAHello, "the first message must be a hello")),
+        };
+        match agreed {
+            Ok(computer) => {
+                let connection = self.connection;
+                tracing::info!(computer = computer.0, connection, "flight computer connected");
+                self.shared.hub.tell(ToHub::Connected { computer, connection }).await;
+                Ok(computer)
+            }
+            Err(refuse) => {
+                tracing::warn!(connection = self.connection, why = %refuse.detail, "refused");
+                let _ = send(&mut self.to, &Message::Refuse(Box::new(refuse)), LAST_WORD).await;
+                Err(Closed::Refused)
+            }
+        }
+    }
+
+    /// Updates one way and statuses the other, until either ends or a newer connection takes this one's place.
+    async fn converse(&mut self, computer: FlightComputer) -> Closed {
+        let (record, seen) = watch::channel(LinkRecord::default());
+        let mut state = self.shared.state.clone();
+        let connection = self.connection;
+        tokio::select! {
+            biased;
+            () = self.shared.stop.cancelled() => Closed::Stopping,
+            _ = state.wait_for(|state| state.has_replaced(computer, connection)) => Closed::Replaced,
+            why = write(&mut self.to, computer, &self.shared, seen) => why,
+            why = read(&mut self.from, computer, connection, &self.shared, record) => why,
+        }
+    }
+
+    /// Tells the peer why, if there is a word for it and the peer still takes one.
+    async fn say_why(&mut self, why: Closed) {
+        let (refusal, detail) = match why {
+            Closed::Silent => (Refusal::Silent, "nothing came for too long"),
+            Closed::BadMessage => (Refusal::BadMessage, "what came is no message"),
+            Closed::Flood => (Refusal::BadMessage, "more messages than a flight computer can mean"),
+            Closed::Replaced => (Refusal::Replaced, "a newer connection of the same flight computer"),
+            Closed::Stopping => (Refusal::ShuttingDown, "the service stops"),
+            _ => return,
+        };
+        let _ = send(&mut self.to, &Message::Refuse(Box::new(Refuse::new(refusal, detail))), LAST_WORD).await;
+    }
+}
+
+impl Shared {
+    fn silence(&self) -> Duration {
+        Duration::from_secs_f64(self.settings.network.silence_s)
+    }
+
+    fn period(&self) -> Duration {
+        Duration::from_secs_f64(self.settings.network.update_period_s)
+    }
+}
+
+/// Sends the newest state on a steady schedule: not a period after the last one was sent, and a tick that was missed stays so.
+async fn write<W: AsyncWrite>(
+    to: &mut FramedWrite<WriteHalf<W>, Codec>,
+    computer: FlightComputer,
+    shared: &Shared,
+    record: watch::Receiver<LinkRecord>,
+) -> Closed {
+    let mut schedule = tokio::time::interval(shared.period());
+    schedule.set_missed_tick_behavior(MissedTickBehavior::Skip);
+    let mut sequence: u32 = 0;
+    loop {
+        schedule.tick().await;
+        let state = Arc::clone(&shared.state.borrow());
+        let update = update::compose(&state, shared, computer, sequence, *record.borrow());
+        if let Err(why) = send(to, &Message::Update(Box::new(update)), shared.silence()).await {
+            return why;
+        }
+        sequence = sequence.wrapping_add(1);
+    }
+}
+
+/// Reads statuses and hands them to the hub.
+async fn read<R: AsyncRead>(
+    from: &mut FramedRead<ReadHalf<R>, Codec>,
+    computer: FlightComputer,
+    connection: u64,
+    shared: &Shared,
+    record: watch::Sender<LinkRecord>,
+) -> Closed {
+    let mut since = Instant::now();
+    let mut messages: u32 = 0;
+    loop {
+        let message = match tokio::time::timeout(shared.silence(), from.next()).await {
+            Err(_) => return Closed::Silent,
+            Ok(next) => match received(next) {
+                Ok(message) => message,
+                Err(why) => return why,
+            },
+        };
+        let at = Instant::now();
+        if at.duration_since(since) > shared.period() {
+            (since, messages) = (at, 0);
+        }
+        messages += 1;
+        if messages > FLOOD {
+            return Closed::Flood;
+        }
+        let withheld = from.decoder().values_withheld();
+        match message {
+            Message::Status(status) => {
+                record.send_modify(|record| record.note(&status, at, withheld));
+                shared.hub.tell(ToHub::Status { computer, connection, status, at }).await;
+            }
+            Message::Gyro(_) => tracing::debug!(computer = computer.0, "gyro rates are not used yet"),
+            Message::Refuse(refuse) => {
+                tracing::warn!(computer = computer.0, why = %refuse.detail, "the flight computer refuses us");
+                return Closed::ByPeer;
+            }
+            Message::Hello(_) | Message::Update(_) => return Closed::BadMessage,
+        }
+    }
+}
+
+/// A message that was taken from the stream, or why there is none.
+fn received(next: Option<Result<Message, LinkError>>) -> Result<Message, Closed> {
+    match next {
+        None => Err(Closed::ByPeer),
+        Some(Ok(message)) => Ok(message),
+        Some(Err(LinkError::Io(error))) => {
+            tracing::info!(%error, "connection broke");
+            Err(Closed::ByPeer)
+        }
+        Some(Err(LinkError::Wire(error))) => {
+            tracing::warn!(%error, "bad message");
+            Err(Closed::BadMessage)
+        }
+    }
+}
+
+/// Sends a message, or gives the connection up: what was cut off stays queued, so nothing else may follow it.
+async fn send<W: AsyncWrite>(
+    to: &mut FramedWrite<WriteHalf<W>, Codec>,
+    message: &Message,
+    patience: Duration,
+) -> Result<(), Closed> {
+    match tokio::time::timeout(patience, to.send(message)).await {
+        Ok(Ok(())) => Ok(()),
+        Ok(Err(LinkError::Io(error))) => {
+            tracing::info!(%error, "connection broke");
+            Err(Closed::ByPeer)
+        }
+        Ok(Err(LinkError::Wire(error))) => {
+            tracing::error!(%error, "a message of ours cannot be encoded");
+            Err(Closed::Broke)
+        }
+        Err(_) => Err(Closed::NotReading),
+    }
+}

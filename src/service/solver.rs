@@ -1,0 +1,194 @@
+//! The solver's actor: one frame at a time on the blocking pool.
+//!
+//! While a frame is being solved the newest of those that come waits; the one that it replaces ends as `skipped`. A frame
+//! is given up when it is too old or the service stops; a solver that panics, or does not stop when told, ends its frame as
+//! `failed` and is made anew. Every frame ends in one outcome.
+
+use super::hub::{self, ToHub};
+use super::inbox::Inbox;
+use super::state::{Finished, Readiness};
+use super::supervisor::{Ended, panic_message};
+use crate::image::Frame;
+use crate::solve::{Outcome, Prior, Reason, Report, Stop, Watch};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+
+/// A solver that was told to stop and has not within this time is taken to hang; 20 ms are what it promises.
+const GRACE: Duration = Duration::from_secs(1);
+
+/// What solves frames: [`crate::solve::Solver`] in flight, something slow or broken in a test.
+pub trait Solve: Send + 'static {
+    /// Solves one frame.
+    fn solve(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome;
+    /// The outcome in the units of the outside, stars named.
+    fn report(&self, outcome: &Outcome) -> Report;
+}
+
+/// Makes a solver, ready for frames; blocking, and slow the first time. The error says why frames can't be solved.
+pub type MakeSolver = Arc<dyn Fn() -> Result<Box<dyn Solve>, String> + Send + Sync>;
+
+/// A frame on its way to the solver.
+#[derive(Debug, Clone)]
+pub struct Captured {
+    /// The frame.
+    pub frame: Arc<Frame>,
+    /// When it was captured.
+    pub at: Instant,
+    /// What was known of the pointing then.
+    pub prior: Prior,
+}
+
+/// Where frames are handed to the solver.
+pub type Handle = mpsc::Sender<Captured>;
+
+/// The solver's actor.
+#[derive(Clone)]
+pub struct SolverActor {
+    /// Frames to solve.
+    pub inbox: Inbox<Captured>,
+    /// Whom to tell the outcomes.
+    pub hub: hub::Handle,
+    /// Makes a solver.
+    pub make: MakeSolver,
+    /// A frame older than this is given up.
+    pub timeout: Duration,
+    /// When to end; the frame that is being solved ends as `aborted`.
+    pub stop: CancellationToken,
+}
+
+/// What a job gives back: the solver for the next one, and the outcome where there was a frame.
+struct Done {
+    solver: Result<Box<dyn Solve>, String>,
+    finished: Option<Finished>,
+}
+
+/// What is under way on the blocking pool.
+struct Job {
+    /// The frame; `None` while a solver is being made ready.
+    captured: Option<Captured>,
+    /// When to stop waiting for it.
+    hangs_at: Instant,
+    handle: JoinHandle<Done>,
+}
+
+impl SolverActor {
+    /// Runs until stopped.
+    pub async fn run(self) -> Result<(), Ended> {
+        let mut inbox = self.inbox.open().await;
+        let mut job = Some(self.start(None, None));
+        let mut solver = None;
+        let mut waiting: Option<Captured> = None;
+        loop {
+            if job.is_none()
+                && let Some(captured) = waiting.take()
+            {
+                self.hub.tell(ToHub::Solving(Some(captured.frame.stamp.image))).await;
+                job = Some(self.start(solver.take(), Some(captured)));
+            }
+            tokio::select! {
+                biased;
+                ended = finish(&mut job), if job.is_some() => {
+                    job = None;
+                    solver = self.settle(ended).await;
+                }
+                () = self.stop.cancelled(), if job.is_none() => return self.abort(waiting, &mut inbox).await,
+                Some(captured) = inbox.recv() => {
+                    if let Some(older) = waiting.replace(captured) {
+                        self.give_up(older, Reason::Skipped, "a newer frame took its place").await;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Puts a frame, or the making of a solver, on the blocking pool.
+    fn start(&self, solver: Option<Box<dyn Solve>>, captured: Option<Captured>) -> Job {
+        let now = Instant::now();
+        let deadline = captured.as_ref().map_or(now, |captured| captured.at) + self.timeout;
+        let watch = JobWatch { started: now, deadline, stop: self.stop.clone() };
+        let (make, theirs) = (Arc::clone(&self.make), captured.clone());
+        let handle = tokio::task::spawn_blocking(move || work(solver, &make, theirs, &watch));
+        Job { captured, hangs_at: deadline.max(now) + GRACE, handle }
+    }
+
+    /// Tells the hub how a job ended; gives back the solver if it can be used again.
+    async fn settle(&self, ended: Option<(Option<Captured>, Result<Done, String>)>) -> Option<Box<dyn Solve>> {
+        let (captured, result) = ended?;
+        match result {
+            Ok(Done { solver, finished }) => {
+                let readiness = solver.as_ref().map_or_else(|why| Readiness::Broken(why.clone()), |_| Readiness::Ready);
+                self.hub.tell(ToHub::Readiness(readiness)).await;
+                if let Some(finished) = finished {
+                    self.hub.tell(ToHub::Finished(Box::new(finished))).await;
+                }
+                solver.ok()
+            }
+            Err(why) => {
+                tracing::error!(why, "the solver broke; a fresh one takes its place");
+                match captured {
+                    Some(captured) => self.give_up(captured, Reason::Failed, &format!("the solver {why}")).await,
+                    None => self.hub.tell(ToHub::Readiness(Readiness::Broken(why))).await,
+                }
+                None
+            }
+        }
+    }
+
+    async fn give_up(&self, captured: Captured, reason: Reason, detail: &str) {
+        let mut outcome = Outcome::unsolved(captured.frame.stamp.clone(), reason, detail);
+        outcome.prior = captured.prior;
+        self.hub.tell(ToHub::Finished(Box::new(Finished::without_stars(outcome, captured.at)))).await;
+    }
+
+    /// Ends what waits, so that every frame has its outcome.
+    async fn abort(&self, waiting: Option<Captured>, inbox: &mut mpsc::Receiver<Captured>) -> Result<(), Ended> {
+        for captured in waiting.into_iter().chain(std::iter::from_fn(|| inbox.try_recv().ok())) {
+            self.give_up(captured, Reason::Aborted, "the service stops").await;
+        }
+        Ok(())
+    }
+}
+
+/// Waits for the job's end, or for the moment at which it is taken to hang.
+async fn finish(job: &mut Option<Job>) -> Option<(Option<Captured>, Result<Done, String>)> {
+    let job = job.as_mut()?;
+    let result = match tokio::time::timeout_at(job.hangs_at, &mut job.handle).await {
+        Ok(joined) => joined.map_err(panic_message),
+        Err(_) => Err("did not stop when told".to_owned()),
+    };
+    Some((job.captured.take(), result))
+}
+
+/// The job itself, on the blocking pool.
+fn work(solver: Option<Box<dyn Solve>>, make: &MakeSolver, captured: Option<Captured>, watch: &JobWatch) -> Done {
+    let mut solver = solver.map_or_else(|| make(), Ok);
+    let finished = captured.map(|Captured { frame, at, prior }| match &mut solver {
+        Ok(solver) => {
+            let outcome = solver.solve(&frame, &prior, watch);
+            Finished { report: solver.report(&outcome), outcome, captured: at }
+        }
+        Err(why) => Finished::without_stars(Outcome::unsolved(frame.stamp.clone(), Reason::Failed, why.clone()), at),
+    });
+    Done { solver, finished }
+}
+
+/// The solver's view of the clock and of the wish to stop.
+struct JobWatch {
+    started: Instant,
+    deadline: Instant,
+    stop: CancellationToken,
+}
+
+impl Watch for JobWatch {
+    fn elapsed(&self) -> Duration {
+        self.started.elapsed()
+    }
+
+    fn stop(&self) -> Option<Stop> {
+        if self.stop.is_cancelled() { Some(Stop::Aborted) } else { (Instant::now() >= self.deadline).then_some(Stop::TimedOut) }
+    }
+}

@@ -1,0 +1,197 @@
+//! The state: one immutable snapshot of all that is true now. The hub alone makes it; everybody else reads the newest.
+
+use super::session::Closed;
+use crate::command::{FlightComputer, Holder, InCharge};
+use crate::image::{ImageCounter, TriggerCounter};
+use crate::settings::{CameraKind, LensKind, ObserverSettings, Settings};
+use crate::sky::Observer;
+use crate::solve::{Outcome, Prior, Report};
+use crate::wire::Status;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use tokio::time::Instant;
+
+/// All that is true now.
+#[derive(Debug, Clone)]
+pub struct State {
+    /// What is simulated: whatever shows a value says so.
+    pub simulated: Simulated,
+    /// Whether frames can be solved.
+    pub readiness: Readiness,
+    /// What the camera does.
+    pub camera: CameraState,
+    /// The frame that is being solved.
+    pub solving: Option<ImageCounter>,
+    /// The last frame that ended in an outcome; one that was only skipped is counted and not shown here.
+    pub latest: Option<Arc<Finished>>,
+    /// The flight computers that are connected.
+    pub peers: Vec<Peer>,
+    /// Who is in charge.
+    pub charge: InCharge,
+    /// The observer as a flight computer in charge last sent it, and when.
+    pub observer: Option<(Observer, Instant)>,
+    /// What happened since the start.
+    pub counters: Counters,
+}
+
+/// Which parts of the instrument are simulated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Simulated {
+    /// Images do not come from a real camera.
+    pub camera: bool,
+    /// The lens is not a real one.
+    pub lens: bool,
+}
+
+/// An outcome, the same in the units of the outside, and when its frame was captured.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finished {
+    /// What the frame ended in.
+    pub outcome: Outcome,
+    /// The same outcome for logs, telemetry and the display.
+    pub report: Report,
+    /// When the frame was captured.
+    pub captured: Instant,
+}
+
+/// Whether frames can be solved.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Readiness {
+    /// Catalogue and index are being made ready.
+    Starting,
+    /// Frames are solved.
+    Ready,
+    /// No frame can be solved, and why.
+    Broken(String),
+}
+
+/// What the camera does.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum CameraState {
+    /// It has not been asked yet, or there is none.
+    Idle,
+    /// It gave a frame when it was last asked.
+    Working,
+    /// It gave none, and why.
+    Unavailable(String),
+}
+
+/// A flight computer that is connected.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Peer {
+    /// Who.
+    pub computer: FlightComputer,
+    /// The number of its connection: a later one is higher.
+    pub connection: u64,
+    /// When it connected.
+    pub connected: Instant,
+    /// Its last status, and when it came.
+    pub status: Option<(Arc<Status>, Instant)>,
+}
+
+/// What happened since the start.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// The number that the next image will have.
+    pub next_image: ImageCounter,
+    /// Frames that the camera gave, unreadable ones included.
+    pub frames_taken: u32,
+    /// Frames solved.
+    pub frames_solved: u32,
+    /// Frames replaced by a newer one before their turn.
+    pub frames_skipped: u32,
+    /// Images that could not be read.
+    pub frames_unreadable: u32,
+    /// Lines that the recorder wrote.
+    pub records_written: u32,
+    /// Outcomes that the recorder could not keep.
+    pub records_lost: u32,
+    /// Times that the disk refused.
+    pub disk_errors: u32,
+    /// Times that each actor was started again.
+    pub restarts: BTreeMap<Actor, u32>,
+    /// Connections that ended, by the reason.
+    pub closed: BTreeMap<Closed, u32>,
+}
+
+/// The parts of the service that are started again when they end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[allow(missing_docs)] // the names are the meaning
+pub enum Actor {
+    Camera,
+    Solver,
+    Hub,
+    Recorder,
+    Listener,
+    Session,
+}
+
+impl Simulated {
+    /// As the settings have it.
+    pub fn of(settings: &Settings) -> Self {
+        Self { camera: settings.camera.kind == CameraKind::Sky, lens: settings.lens.kind == LensKind::Simulated }
+    }
+
+    /// Whether anything is.
+    pub fn any(self) -> bool {
+        self.camera || self.lens
+    }
+}
+
+impl Finished {
+    /// An outcome in which nothing was matched, so that no star needs a name.
+    pub fn without_stars(outcome: Outcome, captured: Instant) -> Self {
+        Self { report: Report::without_stars(&outcome), outcome, captured }
+    }
+}
+
+impl State {
+    /// The state at the start.
+    pub fn new(simulated: Simulated) -> Self {
+        Self {
+            simulated,
+            readiness: Readiness::Starting,
+            camera: CameraState::Idle,
+            solving: None,
+            latest: None,
+            peers: Vec::new(),
+            charge: InCharge::default(),
+            observer: None,
+            counters: Counters::default(),
+        }
+    }
+
+    /// The flight computer in charge, and since when.
+    pub fn in_charge(&self) -> Option<Holder> {
+        self.charge.holder()
+    }
+
+    /// Whether a connection has been replaced by a newer one of the same flight computer.
+    pub fn has_replaced(&self, computer: FlightComputer, connection: u64) -> bool {
+        self.peers.iter().any(|peer| peer.computer == computer && peer.connection > connection)
+    }
+
+    /// The last status of the flight computer in charge.
+    pub fn status_in_charge(&self) -> Option<&Status> {
+        let holder = self.in_charge()?;
+        let peer = self.peers.iter().find(|peer| peer.computer == holder.computer)?;
+        peer.status.as_ref().map(|(status, _)| &**status)
+    }
+
+    /// The series of triggers that an image captured now belongs to, as the flight computer in charge counts them.
+    pub fn trigger(&self) -> Option<TriggerCounter> {
+        self.status_in_charge().and_then(Status::trigger)
+    }
+
+    /// What is known of the pointing of a frame captured `now`. The estimates are those of the last status of the computer
+    /// in charge (at most as old as a claim may be); the observer is the last that any computer in charge sent, its sidereal
+    /// time carried forward, until it is older than `observer.max_age_s`.
+    pub fn prior(&self, now: Instant, settings: &ObserverSettings) -> Prior {
+        let sent = self.status_in_charge().map(Status::prior).unwrap_or_default();
+        let observer = self.observer.filter(|_| settings.from_flight_computer).and_then(|(observer, at)| {
+            let age_s = now.saturating_duration_since(at).as_secs_f64();
+            (age_s <= settings.max_age_s).then(|| observer.after(age_s))
+        });
+        Prior { observer, ..sent }
+    }
+}

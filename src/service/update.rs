@@ -1,0 +1,92 @@
+//! From the state to the update that a flight computer is sent.
+
+use super::clock::utc_now;
+use super::session::{Closed, Shared};
+use super::state::{Actor, Counters, State};
+use crate::command::FlightComputer;
+use crate::wire::{self, Authority, Camera, Clock, Housekeeping, Image, Link, Maybe, Status, Update};
+use tokio::time::Instant;
+
+/// What one connection knows of itself.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct LinkRecord {
+    statuses: u32,
+    last: Option<(u32, Instant)>,
+    withheld: u32,
+}
+
+impl LinkRecord {
+    /// Notes a status that came at `at`; `withheld`: values on this connection that were out of range.
+    pub fn note(&mut self, status: &Status, at: Instant, withheld: u32) {
+        *self = Self { statuses: self.statuses.saturating_add(1), last: Some((status.sequence.get(), at)), withheld };
+    }
+}
+
+/// The update number `sequence` of a connection with `computer`.
+pub fn compose(state: &State, shared: &Shared, computer: FlightComputer, sequence: u32, record: LinkRecord) -> Update {
+    let now = Instant::now();
+    Update {
+        link: link(state, shared, sequence, record, now),
+        authority: authority(state, computer),
+        counters: counters(&state.counters, state.solving.is_some()),
+        housekeeping: Housekeeping::default(),
+        camera: Camera { next_image_counter: state.counters.next_image.0.into(), ..Camera::default() },
+        image: image(state, shared, now).into(),
+    }
+}
+
+fn link(state: &State, shared: &Shared, sequence: u32, record: LinkRecord, now: Instant) -> Link {
+    let (utc, quality) = utc_now();
+    Link {
+        sequence: sequence.into(),
+        boot_id: shared.clock.boot_id().into(),
+        uptime_s: shared.clock.uptime().as_secs_f64(),
+        clock: Clock::new(utc, quality),
+        settings_hash: shared.hello.settings_hash.get().copied().unwrap_or_default(),
+        simulated_camera: state.simulated.camera,
+        simulated_lens: state.simulated.lens,
+        statuses_received: record.statuses.into(),
+        last_status_sequence: record.last.map(|(sequence, _)| sequence).into(),
+        last_status_age_s: record.last.map(|(_, at)| now.saturating_duration_since(at).as_secs_f64()).into(),
+        status_values_withheld: record.withheld.into(),
+    }
+}
+
+fn authority(state: &State, computer: FlightComputer) -> Authority {
+    let holder = state.in_charge();
+    let claims = state.peers.iter().filter_map(|peer| peer.status.as_ref()).filter(|(status, _)| status.claims_charge).count();
+    Authority {
+        in_charge_id: holder.map(|holder| holder.computer.0).into(),
+        in_charge_since_s: holder.map(|holder| holder.since.as_secs_f64()).into(),
+        you_are_in_charge: holder.is_some_and(|holder| holder.computer == computer),
+        claims: u8::try_from(claims).unwrap_or(u8::MAX),
+        ..Authority::default()
+    }
+}
+
+fn counters(counters: &Counters, solving: bool) -> wire::Counters {
+    let restarts = |actor| counters.restarts.get(&actor).copied().unwrap_or_default();
+    let closed = |why| counters.closed.get(&why).copied().unwrap_or_default();
+    let of_the_peer = [Closed::BadMessage, Closed::Flood, Closed::Refused, Closed::TooMany, Closed::AddressNotAllowed];
+    wire::Counters {
+        frames_taken: counters.frames_taken.into(),
+        frames_solved: counters.frames_solved.into(),
+        frames_skipped: counters.frames_skipped.into(),
+        frames_lost: counters.records_lost.into(),
+        restarts_camera: restarts(Actor::Camera).into(),
+        restarts_solver: restarts(Actor::Solver).into(),
+        restarts_hub: restarts(Actor::Hub).into(),
+        restarts_recorder: restarts(Actor::Recorder).into(),
+        restarts_server: restarts(Actor::Listener).saturating_add(closed(Closed::Broke)).into(),
+        links_refused: of_the_peer.into_iter().map(closed).fold(0, u32::saturating_add).into(),
+        solving,
+    }
+}
+
+fn image(state: &State, shared: &Shared, now: Instant) -> Option<Image> {
+    let finished = state.latest.as_ref()?;
+    let ideal_gain = shared.settings.camera.ideal_gain_adu_per_e;
+    let age_s = now.saturating_duration_since(finished.captured).as_secs_f64();
+    let image = Image::new(&finished.outcome, &finished.report, ideal_gain);
+    Some(Image { image_age_s: Maybe::from(Some(age_s)), ..image })
+}

@@ -1,0 +1,14 @@
+//! The service as a whole: what it promises to two flight computers, whatever the solver, the camera, the disk or the other
+//! peer may do. Time is paused where no real socket and no solver is needed.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing,
+    reason = "a test may fail by panicking"
+)]
+
+mod actors;
+mod sessions;
+mod support;
