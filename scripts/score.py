@@ -2,6 +2,7 @@
 """Scores the answers of `stars solve --json` against the truth. Standard library only.
 
     score.py flight|esa TRUTH.json ANSWERS.jsonl
+    score.py speed BENCH.txt
     score.py rendered|nostars|mirrored|measured DIRECTORY
 
 A DIRECTORY holds `*.truth.json`, as `stars render` writes them, and answers in `*.jsonl`; the image's name joins the two.
@@ -246,6 +247,16 @@ def score_real(verdict, truth_file, answers_file, group):
         verdict(f"{matched} or more matched", answer["matched"], answer["matched"] >= matched)
 
 
+def score_speed(verdict, bench_file):
+    """Median thread CPU time of a frame, from what `cargo bench --bench solve` printed."""
+    text = Path(bench_file).read_text()
+    print(text.strip())
+    medians = {words[0]: float(words[1]) for words in map(str.split, text.splitlines()) if words[2:3] == ["ms"]}
+    for search, limit in (("normal", 4.0), ("robust", 15.0)):
+        got = medians.get(search, math.nan)
+        verdict(f"{search} search, median of float frames, at most {limit} ms", f"{got:.2f} ms", got <= limit)
+
+
 def score_horizontal(verdict, answer, truth):
     """Azimuth, elevation and horizontal roll within 0.3°."""
     if answer.get("az_deg") is None:
@@ -263,6 +274,8 @@ def main(arguments):
     match arguments:
         case [("flight" | "esa") as group, truth, answers]:
             score_real(verdict, truth, answers, group)
+        case ["speed", bench]:
+            score_speed(verdict, bench)
         case ["rendered", directory]:
             score_rendered(verdict, directory)
         case ["measured", directory]:
