@@ -1,7 +1,7 @@
 //! `stars render`: writes simulated frames with their truth.
 
 use crate::catalog::Catalogue;
-use crate::image::Frame;
+use crate::image::write_fits;
 use crate::simulate::sky::{Kind, RenderSpec, render};
 use crate::sky::ARCSEC;
 use anyhow::Context;
@@ -108,38 +108,19 @@ impl Args {
 fn write_one(args: &Args, index: u64, catalogue: &Catalogue) -> anyhow::Result<()> {
     let rendered = render(&args.spec(index), catalogue)?;
     let path = |ending: &str| args.out.join(format!("{}{ending}", rendered.frame.stamp.origin));
-    write(&path(".fits"), |file| write_fits(&rendered.frame, file))?;
+    write(&path(".fits"), |file| Ok(write_fits(&rendered.frame, file)?))?;
     write(&path(".truth.json"), |file| {
         serde_json::to_writer_pretty(&mut *file, &rendered.truth)?;
-        file.write_all(b"\n")
+        Ok(file.write_all(b"\n")?)
     })
 }
 
 /// Writes a file with `content`; errors name it.
-fn write(path: &Path, content: impl FnOnce(&mut BufWriter<fs::File>) -> std::io::Result<()>) -> anyhow::Result<()> {
-    let attempt = || {
+fn write(path: &Path, content: impl FnOnce(&mut BufWriter<fs::File>) -> anyhow::Result<()>) -> anyhow::Result<()> {
+    let attempt = || -> anyhow::Result<()> {
         let mut file = BufWriter::new(fs::File::create(path)?);
         content(&mut file)?;
-        file.flush()
+        Ok(file.flush()?)
     };
     attempt().with_context(|| format!("{}: can't be written", path.display()))
-}
-
-/// Unsigned 16-bit FITS.
-fn write_fits(frame: &Frame, out: &mut impl Write) -> std::io::Result<()> {
-    const BLOCK: usize = 2880;
-    let card = |key: &str, value: &str| format!("{:<80}", format!("{key:<8}= {value:>20}"));
-    let mut header = String::new();
-    for (key, value) in [("SIMPLE", "T"), ("BITPIX", "16"), ("NAXIS", "2")] {
-        header += &card(key, value);
-    }
-    header += &card("NAXIS1", &frame.width.to_string());
-    header += &card("NAXIS2", &frame.height.to_string());
-    header += &card("BSCALE", "1");
-    header += &card("BZERO", "32768");
-    header += &format!("{:<80}", "END");
-    out.write_all(format!("{header:<BLOCK$}").as_bytes())?;
-    let data: Vec<u8> = frame.pixels.iter().flat_map(|&pixel| (pixel ^ 0x8000).to_be_bytes()).collect();
-    out.write_all(&data)?;
-    out.write_all(&vec![0; data.len().next_multiple_of(BLOCK) - data.len()])
 }
