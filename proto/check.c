@@ -616,9 +616,6 @@ static void print_update(const stars_update_t *m)
         printf("%lu", (unsigned long)m->image_counter);
     }
     printf(", \"image_trigger_counter_known\": ");
-    if (!(m->image_known))
-        printf("null");
-    else
     {
         printf(m->image_trigger_counter_known ? "true" : "false");
     }
@@ -637,9 +634,6 @@ static void print_update(const stars_update_t *m)
         printf("%lu", (unsigned long)m->exposures);
     }
     printf(", \"exposure_s_known\": ");
-    if (!(m->image_known))
-        printf("null");
-    else
     {
         printf(m->exposure_s_known ? "true" : "false");
     }
@@ -651,9 +645,6 @@ static void print_update(const stars_update_t *m)
         printf("%.17g", (double)m->exposure_s);
     }
     printf(", \"captured_unix_s_known\": ");
-    if (!(m->image_known))
-        printf("null");
-    else
     {
         printf(m->captured_unix_s_known ? "true" : "false");
     }
@@ -665,9 +656,6 @@ static void print_update(const stars_update_t *m)
         printf("%.17g", (double)m->captured_unix_s);
     }
     printf(", \"captured_quality_known\": ");
-    if (!(m->image_known))
-        printf("null");
-    else
     {
         printf(m->captured_quality_known ? "true" : "false");
     }
@@ -679,9 +667,6 @@ static void print_update(const stars_update_t *m)
         print_code(m->captured_quality, (const char *const[]){"unset", "free_running", "synchronised"});
     }
     printf(", \"image_age_s_known\": ");
-    if (!(m->image_known))
-        printf("null");
-    else
     {
         printf(m->image_age_s_known ? "true" : "false");
     }
@@ -700,9 +685,6 @@ static void print_update(const stars_update_t *m)
         print_code(m->reason, (const char *const[]){"solved", "saturated", "too_bright", "no_contrast", "too_few_sources", "no_match", "undecided", "requirement", "timed_out", "aborted", "disabled", "skipped", "unreadable", "failed"});
     }
     printf(", \"cause_known\": ");
-    if (!(m->image_known))
-        printf("null");
-    else
     {
         printf(m->cause_known ? "true" : "false");
     }
@@ -728,9 +710,6 @@ static void print_update(const stars_update_t *m)
         print_code(m->mode, (const char *const[]){"normal", "robust"});
     }
     printf(", \"statistics_known\": ");
-    if (!(m->image_known))
-        printf("null");
-    else
     {
         printf(m->statistics_known ? "true" : "false");
     }
@@ -749,9 +728,6 @@ static void print_update(const stars_update_t *m)
         printf("%.17g", (double)m->noise_adu);
     }
     printf(", \"measured_gain_adu_per_e_known\": ");
-    if (!(m->image_known && m->statistics_known))
-        printf("null");
-    else
     {
         printf(m->measured_gain_adu_per_e_known ? "true" : "false");
     }
@@ -763,9 +739,6 @@ static void print_update(const stars_update_t *m)
         printf("%.17g", (double)m->measured_gain_adu_per_e);
     }
     printf(", \"measured_gain_db_known\": ");
-    if (!(m->image_known && m->statistics_known))
-        printf("null");
-    else
     {
         printf(m->measured_gain_db_known ? "true" : "false");
     }
@@ -791,9 +764,6 @@ static void print_update(const stars_update_t *m)
         printf("%.17g", (double)m->saturated_fraction);
     }
     printf(", \"fwhm_px_known\": ");
-    if (!(m->image_known && m->statistics_known))
-        printf("null");
-    else
     {
         printf(m->fwhm_px_known ? "true" : "false");
     }
@@ -805,9 +775,6 @@ static void print_update(const stars_update_t *m)
         printf("%.17g", (double)m->fwhm_px);
     }
     printf(", \"focus_metric_adu_known\": ");
-    if (!(m->image_known))
-        printf("null");
-    else
     {
         printf(m->focus_metric_adu_known ? "true" : "false");
     }
@@ -847,9 +814,6 @@ static void print_update(const stars_update_t *m)
         printf("%lu", (unsigned long)m->candidates_tried);
     }
     printf(", \"solve_time_ms_known\": ");
-    if (!(m->image_known))
-        printf("null");
-    else
     {
         printf(m->solve_time_ms_known ? "true" : "false");
     }
@@ -861,9 +825,6 @@ static void print_update(const stars_update_t *m)
         printf("%.17g", (double)m->solve_time_ms);
     }
     printf(", \"equatorial_known\": ");
-    if (!(m->image_known))
-        printf("null");
-    else
     {
         printf(m->equatorial_known ? "true" : "false");
     }
@@ -941,9 +902,6 @@ static void print_update(const stars_update_t *m)
         printf("%.17g", (double)m->platescale_arcsec_px);
     }
     printf(", \"sigma_platescale_arcsec_px_known\": ");
-    if (!(m->image_known && m->equatorial_known))
-        printf("null");
-    else
     {
         printf(m->sigma_platescale_arcsec_px_known ? "true" : "false");
     }
@@ -955,9 +913,6 @@ static void print_update(const stars_update_t *m)
         printf("%.17g", (double)m->sigma_platescale_arcsec_px);
     }
     printf(", \"distortion_k1_known\": ");
-    if (!(m->image_known && m->equatorial_known))
-        printf("null");
-    else
     {
         printf(m->distortion_k1_known ? "true" : "false");
     }
@@ -976,9 +931,6 @@ static void print_update(const stars_update_t *m)
         printf("%.17g", (double)m->rms_px);
     }
     printf(", \"chi2_per_dof_known\": ");
-    if (!(m->image_known && m->equatorial_known))
-        printf("null");
-    else
     {
         printf(m->chi2_per_dof_known ? "true" : "false");
     }
@@ -990,9 +942,6 @@ static void print_update(const stars_update_t *m)
         printf("%.17g", (double)m->chi2_per_dof);
     }
     printf(", \"false_probability_log10_known\": ");
-    if (!(m->image_known && m->equatorial_known))
-        printf("null");
-    else
     {
         printf(m->false_probability_log10_known ? "true" : "false");
     }
@@ -1004,9 +953,6 @@ static void print_update(const stars_update_t *m)
         printf("%.17g", (double)m->false_probability_log10);
     }
     printf(", \"epoch_yr_known\": ");
-    if (!(m->image_known && m->equatorial_known))
-        printf("null");
-    else
     {
         printf(m->epoch_yr_known ? "true" : "false");
     }
@@ -1018,9 +964,6 @@ static void print_update(const stars_update_t *m)
         printf("%.17g", (double)m->epoch_yr);
     }
     printf(", \"horizontal_known\": ");
-    if (!(m->image_known))
-        printf("null");
-    else
     {
         printf(m->horizontal_known ? "true" : "false");
     }
@@ -1088,9 +1031,6 @@ static void print_update(const stars_update_t *m)
         printf("%.17g", (double)m->sidereal_time_h);
     }
     printf(", \"equinox_yr_known\": ");
-    if (!(m->image_known && m->horizontal_known))
-        printf("null");
-    else
     {
         printf(m->equinox_yr_known ? "true" : "false");
     }
@@ -1102,9 +1042,6 @@ static void print_update(const stars_update_t *m)
         printf("%.17g", (double)m->equinox_yr);
     }
     printf(", \"prior_disagreement_deg_known\": ");
-    if (!(m->image_known))
-        printf("null");
-    else
     {
         printf(m->prior_disagreement_deg_known ? "true" : "false");
     }

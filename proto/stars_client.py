@@ -304,8 +304,8 @@ class Group:
         if self.flagged:
             if body[at] > 1:
                 raise WireError(f"{self.name}_known: {body[at]} is no flag")
-            out[self.name + "_known"] = bool(body[at]) if known else None
             known = known and body[at] == 1
+            out[self.name + "_known"] = known
             at += 1
         for member in self.members:
             at = member.decode(body, at, known, out)
@@ -459,17 +459,18 @@ class Client:
         link.sendall(self.hello())
         stream, heard = Stream(), time.monotonic()
         sequence, received, last = 0, 0, None
-        due = time.monotonic()
+        due = None  # no status before the camera's hello
         while not self.done():
             now = time.monotonic()
-            if now >= due:
+            if due is not None and now >= due:
                 link.sendall(self.status(sequence, received, last))
                 sequence += 1
                 # The schedule stays where it was, however late this one is.
                 due += STATUS_PERIOD_S * (1 + int((now - due) / STATUS_PERIOD_S))
             if now - heard > SILENCE_S:
                 return "the camera is silent"
-            link.settimeout(max(due - time.monotonic(), 0.001))
+            wait = SILENCE_S if due is None else due - time.monotonic()
+            link.settimeout(max(wait, 0.001))
             try:
                 data = link.recv(65536)
             except socket.timeout:
@@ -482,6 +483,7 @@ class Client:
                     low = max(VERSION_MIN, values["version_min"])
                     if low > min(VERSION_CURRENT, values["version_current"]):
                         return "no version in common"
+                    due = time.monotonic()
                     self.show("connected", values)
                 elif name == "refuse":
                     return f"refused: {values['refusal']}: {values['detail']}"
@@ -514,7 +516,8 @@ def printer(as_json, started):
         if as_json:
             line = json.dumps({"t_s": round(time.monotonic() - started, 3), "kind": kind, **values})
         elif kind == "update":
-            line = f"#{values['sequence']} image {values['image_counter']} {values['reason']}"
+            line = f"#{values['sequence']} "
+            line += f"image {values['image_counter']} {values['reason']}" if values["image_known"] else "no image yet"
             if values["equatorial_known"]:
                 line += f" ra {values['ra_deg']:.5f} dec {values['dec_deg']:.5f} roll {values['roll_deg']:.4f} deg"
         else:

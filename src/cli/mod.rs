@@ -6,6 +6,7 @@
 
 mod catalog;
 mod config;
+mod fcp;
 mod file;
 mod font;
 mod overlay;
@@ -34,6 +35,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Catalog(catalog::Args),
+    Fcp(fcp::Args),
     Render(render::Args),
     Run(run::Args),
     Settings(settings::Args),
@@ -44,6 +46,7 @@ impl Command {
     fn run(self) -> anyhow::Result<ExitCode> {
         match self {
             Self::Catalog(args) => args.run(),
+            Self::Fcp(args) => args.run(),
             Self::Render(args) => args.run(),
             Self::Run(args) => args.run(),
             Self::Settings(args) => args.run(),

@@ -20,6 +20,7 @@
 mod camera;
 mod clock;
 mod codec;
+mod flight_computer;
 mod hub;
 mod inbox;
 mod listener;
@@ -34,6 +35,7 @@ mod update;
 pub use camera::MakeSource;
 pub use clock::{Clock, utc_now};
 pub use codec::{Codec, LinkError};
+pub use flight_computer::{STATUS_PERIOD, Seen, Sighting, fly};
 pub use parts::Parts;
 pub use session::Closed;
 pub use solver::{MakeSolver, Solve};

@@ -6,7 +6,9 @@ use serde_json::{Map, Number, Value};
 impl Table {
     /// The fields of a checked body by name: codes and text as strings, lists cut to the count that stands beside them.
     pub fn json(&self, body: &[u8]) -> Map<String, Value> {
-        let value = |field: &Field| if self.is_known(field, body) { self.value(field, body) } else { Value::Null };
+        // A flag is always known: under another flag that is not set, it is not set either.
+        let known = |field: &Field| self.is_known(field, body) || self.is_flag(field);
+        let value = |field: &Field| if known(field) { self.value(field, body) } else { Value::Null };
         self.fields.iter().map(|field| (field.name.clone(), value(field))).collect()
     }
 

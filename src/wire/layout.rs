@@ -207,6 +207,12 @@ impl Table {
         field.flags.iter().all(set)
     }
 
+    /// Whether a field is the flag of another.
+    pub fn is_flag(&self, field: &Field) -> bool {
+        let named = |place: &usize| self.fields.get(*place).is_some_and(|flag| flag.offset == field.offset);
+        self.fields.iter().any(|other| other.flags.last().is_some_and(named))
+    }
+
     /// How many rows or elements of a field mean something: what `<name>_count` says where there is such a field.
     pub fn meaningful(&self, field: &Field, body: &[u8]) -> usize {
         let counter = format!("{}_count", field.name);

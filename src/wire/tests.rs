@@ -328,3 +328,14 @@ fn json_has_null_for_what_is_not_known_and_only_the_rows_that_count() {
     assert_eq!(json["sources"][0]["x_px"], 0.0);
     assert_eq!(json["image_counter"], 0);
 }
+
+#[test]
+fn json_of_an_update_without_an_image_has_every_flag_in_it_unset() {
+    let json = Message::Update(Box::default()).json().unwrap();
+    assert_eq!(
+        (&json["image_known"], &json["equatorial_known"], &json["epoch_yr_known"]),
+        (&false.into(), &false.into(), &false.into())
+    );
+    assert!(json["corrected_refraction"].is_null() && json["sources"].is_null());
+    assert!(json.iter().all(|(name, value)| !name.ends_with("_known") || value.is_boolean()));
+}

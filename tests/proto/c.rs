@@ -138,7 +138,7 @@ fn print_function(table: &Table, text: &mut String) {
         let before = if place == 0 { "{" } else { ", " };
         let _ = writeln!(text, "    printf(\"{before}\\\"{}\\\": \");", field.name);
         let known: Vec<_> = flags(table, field).iter().map(|flag| format!("m->{flag}")).collect();
-        if !known.is_empty() {
+        if !known.is_empty() && !table.is_flag(field) {
             let _ = writeln!(text, "    if (!({}))\n        printf(\"null\");\n    else", known.join(" && "));
         }
         print_field(table, field, text);

@@ -1,30 +1,71 @@
 //! The Python client against a camera made of the wire room and a plain socket.
 
-use crate::{frame, proto, samples};
+use crate::{frame, proto, same, samples};
 use serde_json::Value;
 use stars::wire::{Hello, Message, Reader, Refusal, Refuse, Role};
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 
-/// Starts the client against a listener, lets `camera` serve its first connection, and gives what the client printed.
-fn client(arguments: &[&str], camera: impl FnOnce(TcpStream)) -> Output {
+/// Starts a client against a listener, lets `camera` serve its first connection, and gives what the client printed.
+fn client(program: Command, arguments: &[&str], camera: impl FnOnce(&mut TcpStream, &Child)) -> Output {
+    let mut program = program;
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
-    let child = Command::new("python3")
-        .arg(proto("stars_client.py"))
-        .args(["--connect", &address])
-        .args(arguments)
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap_or_else(|error| panic!("python3 is needed to check proto/ and does not start: {error}"));
-    let (stream, _) = listener.accept().unwrap();
+    program.args(["--connect", &address]).args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let child =
+        program.spawn().unwrap_or_else(|error| panic!("{program:?} is needed to check proto/ and does not start: {error}"));
+    let (mut stream, _) = listener.accept().unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-    camera(stream);
+    camera(&mut stream, &child);
     child.wait_with_output().unwrap()
 }
+
+fn python() -> Command {
+    let mut command = Command::new("python3");
+    command.arg(proto("stars_client.py"));
+    command
+}
+
+fn stars_fcp() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_stars"));
+    command.arg("fcp");
+    command
+}
+
+/// The camera's part: hellos, the first status, then a solved and an unsolved image in pieces, as a network would.
+fn serve_two_updates(stream: &mut TcpStream) {
+    let (mut reader, mut buffer) = (Reader::default(), bytes::BytesMut::new());
+    let Message::Hello(theirs) = receive(stream, &mut reader, &mut buffer) else { panic!("no hello") };
+    let ours = Hello::new(Role::Camera, 1, "xsc0", 77, None);
+    assert_eq!(ours.agree(&theirs), Ok(1));
+    assert_eq!(theirs.id, 2);
+    stream.write_all(&frame(&Message::Hello(Box::new(ours)))).unwrap();
+    let Message::Status(status) = receive(stream, &mut reader, &mut buffer) else { panic!("no status") };
+    assert!(status.claims_charge && status.uptime_s >= 0.0 && status.sequence.get() == 0);
+    assert!((status.observer().unwrap().latitude.to_degrees() + 77.5).abs() < 1e-9);
+    let bytes = [frame(&sample("update_solved")), frame(&sample("update_unsolved"))].concat();
+    bytes.chunks(100).for_each(|piece| stream.write_all(piece).unwrap());
+}
+
+fn lines(output: &Output) -> Vec<Value> {
+    String::from_utf8_lossy(&output.stdout).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+fn kinds(lines: &[Value]) -> Vec<&str> {
+    lines.iter().map(|line| line["kind"].as_str().unwrap()).collect()
+}
+
+fn assert_carries(line: &Value, message: &Message) {
+    for (name, value) in message.json().unwrap() {
+        assert!(same(&line[&name], &value), "{name}: {}, not {value}", line[&name]);
+    }
+    assert!(line["t_s"].as_f64().unwrap() >= 0.0);
+}
+
+const OPTIONS: [&str; 8] =
+    ["--id", "2", "--in-charge", "--updates", "2", "--json", "--latitude-deg=-77.5", "--sidereal-time-h=8.25"];
 
 /// The next message of the client.
 fn receive(stream: &mut TcpStream, reader: &mut Reader, buffer: &mut bytes::BytesMut) -> Message {
@@ -45,38 +86,77 @@ fn sample(name: &str) -> Message {
 
 #[test]
 fn the_python_client_shakes_hands_sends_its_status_and_prints_updates() {
-    let output = client(&["--id", "2", "--in-charge", "--updates", "2", "--json"], |mut stream| {
-        let (mut reader, mut buffer) = (Reader::default(), bytes::BytesMut::new());
-        let Message::Hello(theirs) = receive(&mut stream, &mut reader, &mut buffer) else { panic!("no hello") };
-        let ours = Hello::new(Role::Camera, 1, "xsc0", 77, None);
-        assert_eq!(ours.agree(&theirs), Ok(1));
-        assert_eq!(theirs.id, 2);
-        stream.write_all(&frame(&Message::Hello(Box::new(ours)))).unwrap();
-        let Message::Status(status) = receive(&mut stream, &mut reader, &mut buffer) else { panic!("no status") };
-        assert!(status.claims_charge && status.uptime_s >= 0.0);
-        // In pieces, as a network would.
-        let bytes = [frame(&sample("update_solved")), frame(&sample("update_unsolved"))].concat();
-        bytes.chunks(100).for_each(|piece| stream.write_all(piece).unwrap());
-    });
+    let output = client(python(), &OPTIONS, |stream, _| serve_two_updates(stream));
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let lines: Vec<Value> =
-        output.stdout.split(|byte| *byte == b'\n').filter_map(|line| serde_json::from_slice(line).ok()).collect();
-    let kinds: Vec<_> = lines.iter().map(|line| line["kind"].as_str().unwrap()).collect();
-    assert_eq!(kinds, ["connected", "update", "update"]);
-    assert_eq!(lines[1]["ra_deg"], 136.564_602);
-    assert_eq!(lines[2]["reason"], "undecided");
+    let lines = lines(&output);
+    assert_eq!(kinds(&lines), ["connected", "update", "update"]);
+    assert_carries(&lines[1], &sample("update_solved"));
+    assert_carries(&lines[2], &sample("update_unsolved"));
 }
 
 #[test]
-fn the_python_client_says_why_it_was_refused() {
-    let output = client(&["--id", "1", "--updates", "1", "--json", "--once"], |mut stream| {
-        let refuse = Refuse::new(Refusal::NoCommonVersion, "you speak 1 to 1");
-        stream.write_all(&frame(&Message::Refuse(Box::new(refuse)))).unwrap();
-        // Read what it still sends, so that closing does not reset the connection under the refusal.
-        let _ = stream.shutdown(std::net::Shutdown::Write);
-        let _ = stream.read_to_end(&mut Vec::new());
+fn stars_fcp_prints_every_variable_by_its_name_and_ends_after_the_updates_wanted() {
+    let output = client(stars_fcp(), &OPTIONS, |stream, _| serve_two_updates(stream));
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let lines = lines(&output);
+    assert_eq!(kinds(&lines), ["connected", "update", "update", "closed"]);
+    assert_eq!(lines[0]["name"], "xsc0");
+    assert_carries(&lines[1], &sample("update_solved"));
+    assert_carries(&lines[2], &sample("update_unsolved"));
+    assert!(lines[1]["interval_s"].is_null() && lines[2]["interval_s"].as_f64().unwrap() >= 0.0);
+    assert_eq!(lines[3]["reason"], "enough updates");
+}
+
+#[test]
+fn stars_fcp_in_words_says_what_was_solved_and_why_not() {
+    let words: Vec<_> = OPTIONS.into_iter().filter(|option| *option != "--json").collect();
+    let output = client(stars_fcp(), &words, |stream, _| serve_two_updates(stream));
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("image 70009 solved  ra 136.56460° dec -43.96782°"), "{text}");
+    assert!(text.contains("image 70009 undecided: 4 matched, 5 needed"), "{text}");
+    assert_eq!(text.matches("simulated").count(), 2, "{text}");
+}
+
+#[test]
+fn stars_fcp_ends_cleanly_when_interrupted() {
+    let output = client(stars_fcp(), &["--id", "2", "--json"], |stream, child| {
+        let (mut reader, mut buffer) = (Reader::default(), bytes::BytesMut::new());
+        receive(stream, &mut reader, &mut buffer);
+        stream.write_all(&frame(&Message::Hello(Box::new(Hello::new(Role::Camera, 1, "xsc0", 77, None))))).unwrap();
+        // Its status shows that it runs.
+        receive(stream, &mut reader, &mut buffer);
+        let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+        assert!(killed.success());
     });
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let lines = lines(&output);
+    assert_eq!(kinds(&lines), ["connected", "closed"]);
+    assert_eq!(lines[1]["reason"], "interrupted");
+}
+
+#[test]
+fn stars_fcp_without_a_camera_gives_up_where_updates_were_wanted() {
+    let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    let output = stars_fcp().args(["--connect", &free, "--updates", "1", "--retry", "10ms"]).output().unwrap();
     assert_eq!(output.status.code(), Some(1));
-    let text = String::from_utf8_lossy(&output.stdout);
-    assert!(text.contains("\"closed\"") && text.contains("no_common_version"), "{text}");
+    assert_eq!(String::from_utf8_lossy(&output.stderr).matches("no connection").count(), 4);
+}
+
+fn refuse_and_close(stream: &mut TcpStream) {
+    let refuse = Refuse::new(Refusal::NoCommonVersion, "you speak 1 to 1");
+    stream.write_all(&frame(&Message::Refuse(Box::new(refuse)))).unwrap();
+    // Read what it still sends, so that closing does not reset the connection under the refusal.
+    let _ = stream.shutdown(std::net::Shutdown::Write);
+    let _ = stream.read_to_end(&mut Vec::new());
+}
+
+#[test]
+fn both_clients_say_why_they_were_refused() {
+    let python = client(python(), &["--id", "1", "--updates", "1", "--json", "--once"], |stream, _| refuse_and_close(stream));
+    let ours = client(stars_fcp(), &["--id", "1", "--duration", "1s", "--json"], |stream, _| refuse_and_close(stream));
+    assert_eq!((python.status.code(), ours.status.code()), (Some(1), Some(0)));
+    for output in [python, ours] {
+        let text = String::from_utf8_lossy(&output.stdout);
+        assert!(text.contains("\"closed\"") && text.contains("no_common_version"), "{text}");
+    }
 }

@@ -5,6 +5,8 @@
 //! Needs `gcc` and `python3`. The bytes in `proto/golden/v1` are those of a version that is spoken: where a test says that
 //! they no longer come out, do not change the bytes but give the new layout a new version.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "this is a test")]
+
 mod c;
 mod icd;
 mod live;

@@ -1,0 +1,406 @@
+//! `stars fcp`: a simulated flight computer, to see what a camera serves.
+
+use super::{NEGATIVE, print};
+use crate::service::{Clock, STATUS_PERIOD, Seen, Sighting, fly};
+use crate::settings::parse_span;
+use crate::simulate::FlightComputer;
+use crate::sky::{DEG, HOUR, Observer};
+use crate::wire::{Equatorial, EquatorialEstimate, Hello, HorizontalEstimate, Image, Message, Update};
+use anyhow::Context;
+use serde::Serialize;
+use serde_json::{Map, Value};
+use std::process::ExitCode;
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio::time::Instant;
+
+/// Sightings that may wait to be printed; then the computer reads no more, and the camera sees a slow peer.
+const QUEUE: usize = 256;
+/// Time for the connection to be closed at the end.
+const LAST_WORD: Duration = Duration::from_millis(100);
+/// With `--updates`, this many attempts without ever a connection are enough to say that there is no camera.
+const ATTEMPTS: u32 = 4;
+
+/// A simulated flight computer: connects to a camera, exchanges status every 0.5 s, prints what it gets
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  stars fcp --connect 127.0.0.1:2017 --id 1 --in-charge
+  stars fcp --connect 192.168.1.6:2017 --id 2 --json --updates 1200 > ten-minutes.jsonl
+  stars fcp --connect 127.0.0.1:2017 --id 1 --in-charge --latitude-deg=-77.5 --sidereal-time-h 8.1
+A value that begins with a minus needs the equals sign. SIGINT and SIGTERM end it cleanly. Exit code 1: with --updates, there
+was no camera in 4 attempts, or the duration ended first.")]
+pub struct Args {
+    /// Camera to connect to, host:port
+    #[arg(long, value_name = "ADDR", value_parser = address)]
+    connect: String,
+    /// Which flight computer this is, 1 to 255
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
+    id: u8,
+    /// Claim to be in charge
+    #[arg(long)]
+    in_charge: bool,
+    /// End after so many updates
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    updates: Option<u64>,
+    /// End after this time, such as 40s
+    #[arg(long, value_name = "TIME", value_parser = parse_span)]
+    duration: Option<Duration>,
+    /// Time before connecting again, seconds or such as 250ms
+    #[arg(long, value_name = "TIME", default_value = "9", value_parser = seconds_or_span)]
+    retry: Duration,
+    /// One JSON object a line
+    #[arg(long)]
+    json: bool,
+    /// Observer's latitude to send, north positive
+    #[arg(long, value_name = "DEG", requires = "sidereal_time_h", value_parser = |text: &str| within(text, -90.0, 90.0))]
+    latitude_deg: Option<f64>,
+    /// Observer's local sidereal time to send, now; it runs on from there
+    #[arg(long, value_name = "H", requires = "latitude_deg", value_parser = |text: &str| within(text, 0.0, 24.0))]
+    sidereal_time_h: Option<f64>,
+    /// Estimated azimuth of the boresight to send
+    #[arg(long, value_name = "DEG", requires = "el_deg", value_parser = |text: &str| within(text, 0.0, 360.0))]
+    az_deg: Option<f64>,
+    /// Estimated elevation of the boresight to send
+    #[arg(long, value_name = "DEG", requires = "az_deg", value_parser = |text: &str| within(text, -90.0, 90.0))]
+    el_deg: Option<f64>,
+    /// Estimated right ascension of the boresight to send
+    #[arg(long, value_name = "DEG", requires = "dec_deg", value_parser = |text: &str| within(text, 0.0, 360.0))]
+    ra_deg: Option<f64>,
+    /// Estimated declination of the boresight to send
+    #[arg(long, value_name = "DEG", requires = "ra_deg", value_parser = |text: &str| within(text, -90.0, 90.0))]
+    dec_deg: Option<f64>,
+    /// Number of the series of triggers that images belong to, to send
+    #[arg(long, value_name = "N")]
+    trigger: Option<u32>,
+}
+
+/// A host and a port, not yet looked up.
+fn address(text: &str) -> Result<String, String> {
+    let wrong = || format!("'{text}' is no address, expected host:port such as 127.0.0.1:2017");
+    let (host, port) = text.rsplit_once(':').ok_or_else(wrong)?;
+    match port.parse::<u16>() {
+        Ok(1..) if !host.is_empty() => Ok(text.to_owned()),
+        _ => Err(wrong()),
+    }
+}
+
+fn seconds_or_span(text: &str) -> Result<Duration, String> {
+    parse_span(text).or_else(|error| parse_span(&format!("{text}s")).map_err(|_| error))
+}
+
+fn within(text: &str, low: f64, high: f64) -> Result<f64, String> {
+    let value = text.parse::<f64>().ok().filter(|value| (low..=high).contains(value));
+    value.ok_or_else(|| format!("'{text}' is not a number from {low} to {high}"))
+}
+
+impl Args {
+    /// Flies until enough updates came, the duration ended or a signal said so.
+    ///
+    /// # Errors
+    /// Where the machine gives no runtime, or stdout cannot be written.
+    pub fn run(self) -> anyhow::Result<ExitCode> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+        runtime.context("the runtime cannot be started")?.block_on(self.watch())
+    }
+
+    async fn watch(self) -> anyhow::Result<ExitCode> {
+        let (sender, mut sightings) = mpsc::channel(QUEUE);
+        let flight = tokio::spawn(fly(self.computer(), self.connect.clone(), self.retry, sender));
+        let mut log = Log::new(self.json, self.updates);
+        let end = tokio::select! {
+            end = log.read(&mut sightings) => end?,
+            () = interrupted() => End::Signal,
+            () = tokio::time::sleep(self.duration.unwrap_or(Duration::MAX)) => End::Duration,
+        };
+        drop(sightings);
+        // It ends with its channel; a camera that hangs is not waited for.
+        let _ = tokio::time::timeout(LAST_WORD, flight).await;
+        log.farewell(end)?;
+        Ok(match end {
+            End::Unreachable => ExitCode::from(NEGATIVE),
+            End::Duration if self.updates.is_some() => ExitCode::from(NEGATIVE),
+            End::Duration | End::Signal | End::Enough => ExitCode::SUCCESS,
+        })
+    }
+
+    /// The computer that the options describe.
+    fn computer(&self) -> FlightComputer {
+        let mut computer = FlightComputer::new(self.id, Clock::start().boot_id());
+        let observer = self.latitude_deg.zip(self.sidereal_time_h);
+        computer.claims_charge = self.in_charge;
+        computer.observer = observer.map(|(lat, time)| Observer { latitude: lat * DEG, sidereal_time: time * HOUR });
+        computer.horizontal = self.az_deg.zip(self.el_deg).map(|(az_deg, el_deg)| HorizontalEstimate { az_deg, el_deg });
+        computer.equatorial = self.ra_deg.zip(self.dec_deg).map(|(ra_deg, dec_deg)| EquatorialEstimate { ra_deg, dec_deg });
+        computer.trigger = self.trigger;
+        computer
+    }
+}
+
+/// SIGINT, and where there is such a thing SIGTERM.
+async fn interrupted() {
+    #[cfg(unix)]
+    if let Ok(mut terminate) = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate()) {
+        tokio::select! {
+            _ = tokio::signal::ctrl_c() => {}
+            _ = terminate.recv() => {}
+        }
+        return;
+    }
+    if tokio::signal::ctrl_c().await.is_err() {
+        // Signals cannot be had: the default of the system ends the program.
+        std::future::pending::<()>().await;
+    }
+}
+
+/// Why the watching ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum End {
+    /// As many updates as wanted came.
+    Enough,
+    /// There is no camera.
+    Unreachable,
+    /// The duration is over.
+    Duration,
+    /// A signal.
+    Signal,
+}
+
+/// One line of JSON.
+#[derive(Serialize)]
+struct Line<'a> {
+    t_s: f64,
+    kind: &'a str,
+    #[serde(flatten)]
+    fields: Map<String, Value>,
+}
+
+/// What was seen so far, printed as it comes.
+struct Log {
+    started: Instant,
+    json: bool,
+    wanted: Option<u64>,
+    updates: u64,
+    failures: u32,
+    connected: bool,
+    last_update: Option<Instant>,
+    longest: Duration,
+}
+
+impl Log {
+    fn new(json: bool, wanted: Option<u64>) -> Self {
+        Self {
+            started: Instant::now(),
+            json,
+            wanted,
+            updates: 0,
+            failures: 0,
+            connected: false,
+            last_update: None,
+            longest: Duration::ZERO,
+        }
+    }
+
+    /// Prints what is seen until it is enough.
+    async fn read(&mut self, sightings: &mut mpsc::Receiver<Sighting>) -> anyhow::Result<End> {
+        while let Some(sighting) = sightings.recv().await {
+            if let Some(end) = self.take(&sighting)? {
+                return Ok(end);
+            }
+        }
+        anyhow::bail!("the simulated flight computer broke")
+    }
+
+    /// Prints one sighting; says whether it was the last that is wanted.
+    fn take(&mut self, sighting: &Sighting) -> anyhow::Result<Option<End>> {
+        match &sighting.seen {
+            Seen::Connected(hello) => {
+                self.connected = true;
+                self.last_update = None;
+                let fields = Message::Hello(hello.clone()).json()?;
+                self.line(sighting.at, "connected", fields, || hello_line(hello))?;
+            }
+            Seen::Update(update) => {
+                let interval = self.last_update.replace(sighting.at).map(|last| sighting.at.duration_since(last));
+                self.longest = self.longest.max(interval.unwrap_or_default());
+                self.updates += 1;
+                let mut fields = Message::Update(update.clone()).json()?;
+                fields.insert("interval_s".to_owned(), interval.map_or(Value::Null, |time| time.as_secs_f64().into()));
+                self.line(sighting.at, "update", fields, || update_line(update))?;
+                if self.wanted.is_some_and(|wanted| self.updates >= wanted) {
+                    return Ok(Some(End::Enough));
+                }
+            }
+            Seen::Closed { reason, refusal } => {
+                let mut fields = self.summary(reason);
+                fields.insert("refusal".to_owned(), serde_json::to_value(refusal)?);
+                self.line(sighting.at, "closed", fields, || format!("closed: {reason}"))?;
+            }
+            Seen::Unreachable(reason) => {
+                self.failures += 1;
+                eprintln!("stars: no connection: {reason}");
+                if self.wanted.is_some() && !self.connected && self.failures >= ATTEMPTS {
+                    return Ok(Some(End::Unreachable));
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// The last line, where there was ever a connection.
+    fn farewell(&self, end: End) -> anyhow::Result<()> {
+        let why = match end {
+            End::Enough => "enough updates",
+            End::Duration => "end of the duration",
+            End::Signal => "interrupted",
+            End::Unreachable => "no camera",
+        };
+        if !self.connected {
+            return Ok(());
+        }
+        let words = || format!("closed: {why}; {} updates, at most {:.3} s apart", self.updates, self.longest.as_secs_f64());
+        self.line(Instant::now(), "closed", self.summary(why), words)
+    }
+
+    fn summary(&self, reason: &str) -> Map<String, Value> {
+        Map::from_iter([
+            ("reason".to_owned(), reason.into()),
+            ("updates".to_owned(), self.updates.into()),
+            ("longest_interval_s".to_owned(), self.longest.as_secs_f64().into()),
+            ("expected_interval_s".to_owned(), STATUS_PERIOD.as_secs_f64().into()),
+        ])
+    }
+
+    fn line(&self, at: Instant, kind: &str, fields: Map<String, Value>, words: impl FnOnce() -> String) -> anyhow::Result<()> {
+        let t_s = at.duration_since(self.started).as_secs_f64();
+        if self.json {
+            print(&serde_json::to_string(&Line { t_s, kind, fields })?)
+        } else {
+            print(&format!("{t_s:9.3}  {}", words()))
+        }
+    }
+}
+
+fn hello_line(hello: &Hello) -> String {
+    format!("connected to {} (camera {}, build {}, boot {:08x})", hello.name, hello.id, hello.build, hello.boot_id.get())
+}
+
+fn update_line(update: &Update) -> String {
+    let simulated = if update.link.simulated_camera { "  simulated" } else { "" };
+    let charge = if update.authority.you_are_in_charge { "  in charge" } else { "" };
+    let image = update.image.get().map_or_else(|| "no image yet".to_owned(), image_words);
+    format!("#{}  {image}{charge}{simulated}", update.link.sequence.get())
+}
+
+fn image_words(image: &Image) -> String {
+    let reason = image.reason.get().map_or_else(String::new, |reason| reason.to_string());
+    let head = format!("image {} {reason}", image.image_counter.get());
+    match image.equatorial.get() {
+        None => format!("{head}: {}", image.detail),
+        Some(pointing) => {
+            let horizontal = image.horizontal.get();
+            let horizontal = horizontal.map_or_else(String::new, |h| format!("  az {:.4}° el {:.4}°", h.az_deg, h.el_deg));
+            format!("{head}  {}{horizontal}  {} matched", pointing_words(pointing), image.sources_matched.get())
+        }
+    }
+}
+
+fn pointing_words(pointing: &Equatorial) -> String {
+    let Equatorial { ra_deg, dec_deg, roll_deg, sigma_pointing_arcsec, .. } = pointing;
+    format!("ra {ra_deg:.5}° dec {dec_deg:+.5}° roll {roll_deg:.4}° ±{sigma_pointing_arcsec:.2}″")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Cli {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    fn args(words: &[&str]) -> Result<Args, String> {
+        let all = ["fcp"].iter().chain(words);
+        Cli::try_parse_from(all).map(|cli| cli.args).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn the_options_make_the_computer_that_they_describe() {
+        let words = ["--connect", "localhost:2017", "--id", "2", "--in-charge", "--latitude-deg=-77.5", "--sidereal-time-h", "6"];
+        let computer = args(&words).unwrap().computer();
+        assert!(computer.id == 2 && computer.claims_charge && computer.horizontal.is_none());
+        let observer = computer.observer.unwrap();
+        assert!((observer.latitude / DEG + 77.5).abs() < 1e-12 && (observer.sidereal_time / HOUR - 6.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_retry_reads_as_seconds_or_as_a_span() {
+        for (text, seconds) in [("9", 9.0), ("0.5", 0.5), ("250ms", 0.25)] {
+            let read = args(&["--connect", "a:1", "--retry", text]).unwrap();
+            assert_eq!(read.retry, Duration::from_secs_f64(seconds));
+        }
+    }
+
+    #[test]
+    fn a_wrong_option_is_refused_with_what_was_expected() {
+        let cases: [(&[&str], &str); 7] = [
+            (&["--connect", "127.0.0.1"], "such as 127.0.0.1:2017"),
+            (&["--connect", ":2017"], "such as 127.0.0.1:2017"),
+            (&["--connect", "a:0"], "such as 127.0.0.1:2017"),
+            (&["--connect", "a:1", "--id", "0"], "1..=255"),
+            (&["--connect", "a:1", "--latitude-deg=91", "--sidereal-time-h", "1"], "from -90 to 90"),
+            (&["--connect", "a:1", "--latitude-deg=nan", "--sidereal-time-h", "1"], "from -90 to 90"),
+            (&["--connect", "a:1", "--az-deg", "10"], "--el-deg"),
+        ];
+        for (words, expected) in cases {
+            let error = args(words).unwrap_err();
+            assert!(error.contains(expected), "{words:?}: {error}");
+        }
+    }
+
+    fn sighting(log: &Log, after_ms: u64, seen: Seen) -> Sighting {
+        Sighting { at: log.started + Duration::from_millis(after_ms), seen }
+    }
+
+    fn update() -> Seen {
+        Seen::Update(Box::default())
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn it_ends_after_the_updates_that_were_wanted_and_knows_the_longest_wait() {
+        let mut log = Log::new(true, Some(3));
+        let hello = Hello::new(crate::wire::Role::Camera, 1, "xsc0", 1, None);
+        assert_eq!(log.take(&sighting(&log, 0, Seen::Connected(Box::new(hello)))).unwrap(), None);
+        assert_eq!(log.take(&sighting(&log, 10, update())).unwrap(), None);
+        assert_eq!(log.take(&sighting(&log, 540, update())).unwrap(), None);
+        assert_eq!(log.take(&sighting(&log, 1010, update())).unwrap(), Some(End::Enough));
+        assert_eq!(log.longest, Duration::from_millis(530));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_camera_that_was_never_there_is_given_up_only_where_updates_are_counted() {
+        let mut counting = Log::new(true, Some(1));
+        let mut patient = Log::new(true, None);
+        for attempt in 1..=ATTEMPTS {
+            let end = counting.take(&sighting(&counting, 0, Seen::Unreachable("refused".to_owned()))).unwrap();
+            assert_eq!(end.is_some(), attempt == ATTEMPTS);
+            assert_eq!(patient.take(&sighting(&patient, 0, Seen::Unreachable("refused".to_owned()))).unwrap(), None);
+        }
+    }
+
+    #[test]
+    fn a_pointing_reads_in_degrees_and_arcseconds() {
+        let pointing = Equatorial {
+            ra_deg: 136.5646,
+            dec_deg: -43.9678,
+            roll_deg: 165.25,
+            sigma_pointing_arcsec: 1.5,
+            ..Equatorial::default()
+        };
+        let image =
+            Image { image_counter: 7.into(), equatorial: Some(pointing).into(), sources_matched: 13.into(), ..Image::default() };
+        assert_eq!(image_words(&image), "image 7 solved  ra 136.56460° dec -43.96780° roll 165.2500° ±1.50″  13 matched");
+    }
+}

@@ -1,0 +1,325 @@
+//! A simulated flight computer at its end of a connection: it connects, and again after each end; shakes hands, sends its status
+//! on a steady schedule, and hands on what it gets.
+
+use super::clock::{Clock, utc_now};
+use super::codec::{Codec, LinkError};
+use crate::simulate::FlightComputer;
+use crate::wire::{Hello, Message, Refusal, Refuse, Update};
+use futures_util::{SinkExt, StreamExt};
+use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite, ReadHalf, WriteHalf};
+use tokio::net::TcpStream;
+use tokio::sync::mpsc;
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until, timeout};
+use tokio_util::codec::{FramedRead, FramedWrite};
+
+/// Time between statuses.
+pub const STATUS_PERIOD: Duration = Duration::from_millis(500);
+/// A camera that is silent, does not read or does not answer a connection for this long is given up.
+const SILENCE: Duration = Duration::from_secs(5);
+
+/// What a flight computer sees of its camera.
+#[derive(Debug)]
+pub enum Seen {
+    /// The hellos fit together.
+    Connected(Box<Hello>),
+    /// An update.
+    Update(Box<Update>),
+    /// A connection on which hellos were exchanged, or that was refused, ended.
+    Closed {
+        /// Why, in words.
+        reason: String,
+        /// What the camera said, where it refused.
+        refusal: Option<Refusal>,
+    },
+    /// No connection could be made.
+    Unreachable(String),
+}
+
+/// Something seen, and when.
+#[derive(Debug)]
+pub struct Sighting {
+    /// When it came in.
+    pub at: Instant,
+    /// What it was.
+    pub seen: Seen,
+}
+
+/// Flies a simulated flight computer: connects to `address` (`host:port`), and again `retry` after each end, until nobody takes
+/// the sightings any more. While they are not taken it does not read, as a slow computer would.
+pub async fn fly(mut computer: FlightComputer, address: String, retry: Duration, sightings: mpsc::Sender<Sighting>) {
+    let clock = Clock::start();
+    loop {
+        let seen = match timeout(SILENCE, TcpStream::connect(&address)).await {
+            Err(_) => Seen::Unreachable("no answer".to_owned()),
+            Ok(Err(error)) => Seen::Unreachable(error.to_string()),
+            Ok(Ok(stream)) => {
+                // Without it a status may wait for the acknowledgement of the one before. Where it cannot be set, it waits.
+                let _ = stream.set_nodelay(true);
+                match Link::new(stream, &sightings).serve(&mut computer, clock).await {
+                    End::Gone => return,
+                    End::Closed(reason) => Seen::Closed { reason, refusal: None },
+                    End::Refused(refuse) => Seen::Closed { reason: refuse.detail.to_string(), refusal: refuse.refusal.get() },
+                }
+            }
+        };
+        let again = Instant::now() + retry;
+        tokio::select! {
+            sent = sightings.send(Sighting { at: Instant::now(), seen }) => if sent.is_err() { return },
+            () = sightings.closed() => return,
+        }
+        tokio::select! {
+            () = sleep_until(again) => {}
+            () = sightings.closed() => return,
+        }
+    }
+}
+
+/// How a connection ended.
+enum End {
+    /// Nobody takes the sightings.
+    Gone,
+    /// It broke, or was given up.
+    Closed(String),
+    /// The camera refused it.
+    Refused(Box<Refuse>),
+}
+
+impl From<LinkError> for End {
+    fn from(error: LinkError) -> Self {
+        Self::Closed(error.to_string())
+    }
+}
+
+/// One connection.
+struct Link<'a, S> {
+    from: FramedRead<ReadHalf<S>, Codec>,
+    to: FramedWrite<WriteHalf<S>, Codec>,
+    sightings: &'a mpsc::Sender<Sighting>,
+}
+
+impl<'a, S: AsyncRead + AsyncWrite> Link<'a, S> {
+    fn new(stream: S, sightings: &'a mpsc::Sender<Sighting>) -> Self {
+        let (from, to) = tokio::io::split(stream);
+        Self { from: FramedRead::new(from, Codec::default()), to: FramedWrite::new(to, Codec::default()), sightings }
+    }
+
+    async fn serve(mut self, computer: &mut FlightComputer, clock: Clock) -> End {
+        let hello = computer.connect();
+        match self.greet(hello).await {
+            Err(end) => end,
+            Ok(()) => match self.converse(computer, clock).await {
+                Err(end) => end,
+                Ok(never) => match never {},
+            },
+        }
+    }
+
+    /// Our hello, then the camera's.
+    async fn greet(&mut self, ours: Hello) -> Result<(), End> {
+        self.send(&Message::Hello(Box::new(ours))).await?;
+        let silent = || End::Closed("the camera sent no hello".to_owned());
+        let first = timeout(SILENCE, self.from.next()).await.map_err(|_| silent())?;
+        match received(first)? {
+            Message::Hello(theirs) => match ours.agree(&theirs) {
+                Ok(_) => self.report(Seen::Connected(theirs)).await,
+                Err(refuse) => {
+                    let reason = refuse.detail.to_string();
+                    self.send(&Message::Refuse(Box::new(refuse))).await?;
+                    Err(End::Closed(reason))
+                }
+            },
+            Message::Refuse(refuse) => Err(End::Refused(refuse)),
+            other => Err(End::Closed(format!("{:?} before the camera's hello", other.kind()))),
+        }
+    }
+
+    /// Statuses one way and updates the other, until the connection ends.
+    async fn converse(&mut self, computer: &mut FlightComputer, clock: Clock) -> Result<std::convert::Infallible, End> {
+        let mut schedule = interval(STATUS_PERIOD);
+        schedule.set_missed_tick_behavior(MissedTickBehavior::Skip);
+        let mut heard = Instant::now();
+        loop {
+            tokio::select! {
+                _ = schedule.tick() => {
+                    let status = computer.status(clock.uptime(), utc_now());
+                    self.send(&Message::Status(Box::new(status))).await?;
+                }
+                next = self.from.next() => {
+                    heard = Instant::now();
+                    match received(next)? {
+                        Message::Update(update) => {
+                            computer.on_update(&update);
+                            self.report(Seen::Update(update)).await?;
+                        }
+                        Message::Refuse(refuse) => return Err(End::Refused(refuse)),
+                        other => return Err(End::Closed(format!("{:?} from the camera", other.kind()))),
+                    }
+                }
+                () = sleep_until(heard + SILENCE) => return Err(End::Closed("the camera is silent".to_owned())),
+                () = self.sightings.closed() => return Err(End::Gone),
+            }
+        }
+    }
+
+    async fn send(&mut self, message: &Message) -> Result<(), End> {
+        timeout(SILENCE, self.to.send(message)).await.map_err(|_| End::Closed("the camera does not read".to_owned()))??;
+        Ok(())
+    }
+
+    async fn report(&self, seen: Seen) -> Result<(), End> {
+        self.sightings.send(Sighting { at: Instant::now(), seen }).await.map_err(|_| End::Gone)
+    }
+}
+
+fn received(next: Option<Result<Message, LinkError>>) -> Result<Message, End> {
+    match next {
+        None => Err(End::Closed("the camera closed the connection".to_owned())),
+        Some(message) => Ok(message?),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::{Kind, Role};
+    use tokio::io::DuplexStream;
+
+    /// A camera at the other end of a pipe, on a paused clock.
+    struct Camera {
+        from: FramedRead<ReadHalf<DuplexStream>, Codec>,
+        to: FramedWrite<WriteHalf<DuplexStream>, Codec>,
+    }
+
+    impl Camera {
+        async fn send(&mut self, message: Message) {
+            self.to.send(&message).await.unwrap();
+        }
+
+        async fn receive(&mut self) -> Message {
+            self.from.next().await.unwrap().unwrap()
+        }
+
+        async fn shake_hands(&mut self) {
+            assert_eq!(self.receive().await.kind(), Kind::Hello);
+            self.send(Message::Hello(Box::new(Hello::new(Role::Camera, 1, "xsc0", 3, None)))).await;
+        }
+    }
+
+    /// Runs one connection against what `camera` does; how it ended, and what was seen.
+    async fn connection<F: Future<Output = Camera>>(camera: impl FnOnce(Camera) -> F) -> (End, Vec<Seen>) {
+        let (near, far) = tokio::io::duplex(1 << 16);
+        let (from, to) = tokio::io::split(far);
+        let camera = camera(Camera { from: FramedRead::new(from, Codec::default()), to: FramedWrite::new(to, Codec::default()) });
+        let (sightings, mut seen) = mpsc::channel(64);
+        let mut computer = FlightComputer::new(1, 7);
+        let (end, _camera) = tokio::join!(Link::new(near, &sightings).serve(&mut computer, Clock::start()), camera);
+        drop(sightings);
+        let mut all = Vec::new();
+        while let Some(sighting) = seen.recv().await {
+            all.push(sighting.seen);
+        }
+        (end, all)
+    }
+
+    fn reason(end: End) -> String {
+        match end {
+            End::Gone => "gone".to_owned(),
+            End::Closed(reason) => reason,
+            End::Refused(refuse) => refuse.detail.to_string(),
+        }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn it_sends_its_status_every_half_second_on_a_schedule_that_stands_still() {
+        let (end, seen) = connection(|mut camera| async move {
+            camera.shake_hands().await;
+            let start = Instant::now();
+            for count in 0..8u32 {
+                let Message::Status(status) = camera.receive().await else { panic!("no status") };
+                assert_eq!(start.elapsed().as_millis(), u128::from(count) * 500);
+                assert_eq!((status.sequence.get(), status.updates_received.get()), (count, count));
+                // Late by 200 ms, which moves nothing.
+                tokio::time::sleep(Duration::from_millis(200)).await;
+                camera.send(Message::Update(Box::default())).await;
+            }
+            camera.to.close().await.unwrap();
+            camera
+        })
+        .await;
+        assert_eq!(reason(end), "the camera closed the connection");
+        assert_eq!(seen.iter().filter(|seen| matches!(seen, Seen::Update(_))).count(), 8);
+        assert!(matches!(seen.first(), Some(Seen::Connected(hello)) if hello.boot_id.get() == 3));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_camera_that_falls_silent_is_given_up_after_five_seconds() {
+        let start = Instant::now();
+        let (end, _) = connection(|mut camera| async move {
+            camera.shake_hands().await;
+            camera
+        })
+        .await;
+        assert_eq!(reason(end), "the camera is silent");
+        assert_eq!(start.elapsed(), SILENCE);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_camera_without_a_hello_is_given_up() {
+        let (end, seen) = connection(|camera| async move { camera }).await;
+        assert_eq!(reason(end), "the camera sent no hello");
+        assert!(seen.is_empty());
+        let (end, _) = connection(|mut camera| async move {
+            camera.send(Message::Update(Box::default())).await;
+            camera
+        })
+        .await;
+        assert_eq!(reason(end), "Update before the camera's hello");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_refusal_is_handed_on() {
+        let (end, _) = connection(|mut camera| async move {
+            camera.shake_hands().await;
+            camera.send(Message::Refuse(Box::new(Refuse::new(Refusal::Replaced, "a newer connection")))).await;
+            camera
+        })
+        .await;
+        assert!(matches!(&end, End::Refused(refuse) if refuse.refusal.get() == Some(Refusal::Replaced)));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn another_flight_computer_is_no_camera() {
+        let (end, _) = connection(|mut camera| async move {
+            camera.send(Message::Hello(Box::new(Hello::new(Role::FlightComputer, 2, "fc2", 3, None)))).await;
+            camera.receive().await;
+            let Message::Refuse(refuse) = camera.receive().await else { panic!("no refusal") };
+            assert_eq!(refuse.refusal.get(), Some(Refusal::WrongRole));
+            camera
+        })
+        .await;
+        assert_eq!(reason(end), "a camera talks to flight computers alone");
+    }
+
+    #[tokio::test]
+    async fn it_connects_again_after_each_end_and_says_when_it_cannot() {
+        let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = listener.local_addr().unwrap().to_string();
+        let (sightings, mut seen) = mpsc::channel(8);
+        let flight = tokio::spawn(fly(FlightComputer::new(1, 7), address, Duration::from_millis(10), sightings));
+        for _ in 0..2 {
+            let (stream, _) = listener.accept().await.unwrap();
+            drop(stream);
+            assert!(matches!(seen.recv().await.unwrap().seen, Seen::Closed { .. }));
+        }
+        drop(listener);
+        loop {
+            // A connection that was waiting to be accepted may still end first.
+            if let Seen::Unreachable(_) = seen.recv().await.unwrap().seen {
+                break;
+            }
+        }
+        drop(seen);
+        flight.await.unwrap();
+    }
+}
