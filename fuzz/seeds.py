@@ -64,8 +64,8 @@ def main():
     put("solve", "blank", bytes([4, 0, 255, 0]))
     put("bad_pixels", "list", b"# dead\n3 4\n23 15\n0 0\n")
     for source in (PROJECT / "config").glob("*.toml"):
-        put("settings", source.name, source.read_bytes())
-    put("settings", "assignment", b"solver.matching.min_matched=6")
+        put("settings", source.name, source.name[:1].encode() + source.read_bytes())
+    put("settings", "assignment", b"ssolver.matching.min_matched=6")
     for directory in (HERE / "seeds").iterdir():
         for source in directory.iterdir():
             put(directory.name, source.name, source.read_bytes())

@@ -12,6 +12,8 @@ use std::sync::Arc;
 
 const WIDTH: usize = 160;
 const HEIGHT: usize = 128;
+/// Stars of the catalogue that are kept.
+const BRIGHTEST: usize = 4000;
 
 fn settings() -> Settings {
     // A field of 9° × 7°, so that so few pixels see many stars.
@@ -25,7 +27,10 @@ fn settings() -> Settings {
 
 thread_local! {
     static SOLVER: RefCell<Solver> = RefCell::new({
-        let catalogue = Catalogue::embedded().expect("the catalogue in the program is whole");
+        let mut catalogue = Catalogue::embedded().expect("the catalogue in the program is whole");
+        // The bright stars are all that such a frame shows, and the index of them is built at once.
+        catalogue.stars.truncate(BRIGHTEST);
+        catalogue.header.count = BRIGHTEST;
         let mut solver = Solver::new(Arc::new(catalogue), Arc::new(settings()));
         solver.prepare(WIDTH, HEIGHT);
         solver
