@@ -14,6 +14,8 @@ const GAIN_FRACTION: usize = 6;
 const GAIN_CELLS: usize = 100;
 /// Pixels at a frame's own highest value that make it a plateau, and not the tops of a few stars.
 const PLATEAU_PX: usize = 16;
+/// Values below the highest that a plateau must outweigh together, ADU.
+const PLATEAU_STEPS: u16 = 3;
 
 /// Mean and noise of the cells of a frame, row after row in file order; only whole cells.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -38,6 +40,8 @@ pub struct CellStatistics {
     pub saturation: Option<u16>,
     /// Number of saturated pixels.
     pub saturated_px: usize,
+    /// Local noise of each cell, ADU.
+    noise: Vec<f32>,
     /// Scratch for medians.
     sorted: Vec<f32>,
     columns_of_band: BandColumns,
@@ -65,25 +69,37 @@ impl CellStatistics {
         }
         self.image_mean = self.mean.iter().map(|&m| f64::from(m)).sum::<f64>() / self.mean.len().max(1) as f64;
         self.find_saturation(frame, full_scale);
+        self.map_noise();
         self.image_noise = self.median_noise();
         self.gain = self.lowest_gain();
     }
 
-    /// Noise around a position in file order, ADU: the median of the cells around it.
+    /// Noise around a position in file order, ADU: the third lowest of the nine cells around it, so that what a cell itself holds (a star,
+    /// an edge) does not hide it.
     pub fn local_noise(&self, x: usize, y: usize) -> f32 {
         let (cx, cy) = ((x / CELL_PX).min(self.columns.max(1) - 1), (y / CELL_PX).min(self.rows.max(1) - 1));
-        let mut around = [0f32; 9];
-        let mut n = 0;
-        for j in cy.saturating_sub(1)..(cy + 2).min(self.rows) {
-            for i in cx.saturating_sub(1)..(cx + 2).min(self.columns) {
-                around[n] = self.sigma[j * self.columns + i];
-                n += 1;
+        self.noise.get(cy * self.columns + cx).copied().unwrap_or(self.image_noise as f32)
+    }
+
+    /// The local noise of every cell.
+    fn map_noise(&mut self) {
+        self.noise.clear();
+        for cy in 0..self.rows {
+            for cx in 0..self.columns {
+                let mut lowest = [f32::INFINITY; 3];
+                for j in cy.saturating_sub(1)..(cy + 2).min(self.rows) {
+                    for i in cx.saturating_sub(1)..(cx + 2).min(self.columns) {
+                        let sigma = self.sigma[j * self.columns + i];
+                        let kept =
+                            [lowest[0].min(sigma), lowest[1].min(lowest[0].max(sigma)), lowest[2].min(lowest[1].max(sigma))];
+                        lowest = kept;
+                    }
+                }
+                // A frame of one or two cells has no third.
+                let third = lowest.iter().rev().copied().find(|s| s.is_finite());
+                self.noise.push(third.unwrap_or(0.0));
             }
         }
-        let around = &mut around[..n];
-        around.sort_unstable_by(f32::total_cmp);
-        // The lower quartile: what the cell itself holds (a star, an edge) must not hide it.
-        around.get(n / 4).copied().unwrap_or(self.image_noise as f32)
     }
 
     fn median_noise(&mut self) -> f64 {
@@ -127,18 +143,24 @@ impl CellStatistics {
         if level == 0 {
             return;
         }
-        let mut count = 0;
+        let (mut count, mut just_below) = (0, 0);
+        let below = level.saturating_sub(PLATEAU_STEPS);
         for row in 0..self.rows {
             for column in 0..self.columns {
-                if self.max[row * self.columns + column] >= level {
+                if self.max[row * self.columns + column] >= below {
                     for line in 0..CELL_PX {
                         let first = (row * CELL_PX + line) * frame.width + column * CELL_PX;
-                        count += frame.pixels[first..first + CELL_PX].iter().filter(|&&p| p >= level).count();
+                        for &pixel in &frame.pixels[first..first + CELL_PX] {
+                            count += usize::from(pixel >= level);
+                            just_below += usize::from(pixel >= below && pixel < level);
+                        }
                     }
                 }
             }
         }
-        if full_scale == Some(level) || level == u16::MAX || count >= PLATEAU_PX {
+        // Counts fall towards the highest value of a sky, and pile up at the end of a scale.
+        let plateau = count >= PLATEAU_PX && count > just_below;
+        if full_scale == Some(level) || level == u16::MAX || plateau {
             self.saturation = Some(level);
             self.saturated_px = count;
         }
@@ -242,10 +264,19 @@ mod tests {
     }
 
     #[test]
+    fn the_top_of_a_quiet_sky_is_no_plateau() {
+        // Few values, as in 8 bits, falling off towards the highest.
+        let f = frame(256, 256, |x, y| [10, 10, 10, 11, 9, 10, 11, 12][(x * 31 + y * 17) % 8]);
+        let mut cells = CellStatistics::default();
+        cells.measure(&f, None);
+        assert_eq!(cells.saturation, None);
+    }
+
+    #[test]
     fn gain_is_variance_over_mean_of_the_quietest_cells() {
-        // A square wave of ±√(gain·mean) has the variance of photons seen with that gain.
-        let amplitude = (0.04f64 * 1600.0).sqrt();
-        let f = frame(1024, 512, |x, y| (1600.0 + if (x + y) % 2 == 0 { amplitude } else { -amplitude }) as u16);
+        // Three levels, the outer ones in a quarter of the pixels each: the variance of photons seen with that gain.
+        let step = (2.0 * 0.04f64 * 1600.0).sqrt();
+        let f = frame(1024, 512, |x, y| (1600.0 + [0.0, step, 0.0, -step][(x + y) % 4] + ((x * y) % 7 / 6) as f64) as u16);
         let mut cells = CellStatistics::default();
         cells.measure(&f, None);
         assert!((cells.gain.unwrap() / 0.04 - 1.0).abs() < 0.1, "{:?}", cells.gain);

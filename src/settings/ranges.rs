@@ -107,7 +107,7 @@ pub(super) const RULES: &[Rule] = &[
     switch("solver.prior_veto"),
     number("solver.sources.snr_threshold", "σ of the local noise", 0.0, 100.0),
     number("solver.sources.min_snr", "signal over noise", 0.0, 1000.0),
-    whole("solver.sources.max_sources", "sources", 3, 100),
+    whole("solver.sources.max_sources", "sources", 4, 32),
     whole("solver.sources.max_found", "sources", 3, 1000),
     whole("solver.sources.cell_px", "px", 8, 16_384),
     whole("solver.sources.max_per_cell", "sources", 1, 100),

@@ -10,7 +10,7 @@ use crate::catalog::{Catalogue, Field};
 use crate::image::{CellStatistics, Frame, Mask, auto_level};
 use crate::settings::Settings;
 use crate::sky::{CameraModel, DEG, HOUR, Observer, RowOrder, Vec3, horizontal_of};
-use crate::sources::{Finder, Source};
+use crate::sources::{Finder, Light, Source, light_of_stars};
 use std::sync::Arc;
 
 /// Solves frames. Holds the catalogue, the index for one field, and the memory that a frame needs. A clone shares catalogue and
@@ -45,6 +45,22 @@ const LEAST_SOURCES: usize = 4;
 /// A candidate less unlikely than this to be chance is worth reporting as `undecided`, ln.
 const UNDECIDED_FALSE_LN: f64 = 0.0;
 
+/// Stars are looked at for pieces where fewer of the sources than this are catalogued stars, or where they are wider than this.
+const WHOLE_STARS_FRACTION: f64 = 0.75;
+const SHARP_SIGMA_PX: f64 = 1.6;
+/// Stars fainter than this say nothing about where light lies beside them.
+const STACK_SNR: f64 = 5.0;
+/// A shift of the light is known to this part of itself.
+const SHIFT_DOUBT: f64 = 0.1;
+/// A piece of a star is where it should be within this, px; so many stars, and this part of them, must have theirs.
+const COMPANION_PX: f64 = 3.0;
+const LEAST_COMPANIONS: usize = 3;
+const COMPANION_FRACTION: f64 = 0.3;
+/// Where a wide kernel was needed, the place of a star's light is doubtful by this part of the kernel's width: less where the stars were
+/// seen to be whole (from rendered trails of 5 to 30 px).
+const KERNEL_DOUBT: f64 = 0.1;
+const KERNEL_DOUBT_UNSEEN: f64 = 1.5;
+
 /// Everything about a frame that the stages after the search need.
 struct Context<'a> {
     frame: &'a Frame,
@@ -56,6 +72,8 @@ struct Context<'a> {
     /// Epoch of observation, where known, Julian year.
     year: Option<f64>,
     circles: Vec<Circle>,
+    /// Scale that the sources were found at.
+    scale: usize,
 }
 
 impl Solver {
@@ -244,7 +262,7 @@ impl Solver {
             outcome.detail = "the index is not there".into();
             return true;
         };
-        let context = self.context(frame, prior, watch, &prepared.field);
+        let context = Context { scale, ..self.context(frame, prior, watch, &prepared.field) };
         self.match_sources(&context, outcome)
     }
 
@@ -286,7 +304,7 @@ impl Solver {
         let year = frame.stamp.captured.map(|(utc, _)| utc.julian_year());
         let observer = self.observer(frame, prior);
         let circles = requirements::expected_circles(&settings.solver.requirements, prior, observer.as_ref(), year);
-        Context { frame, watch, field, geometry, camera, observer, year, circles }
+        Context { frame, watch, field, geometry, camera, observer, year, circles, scale: 0 }
     }
 
     /// The observer by the settings' order of preference.
@@ -380,7 +398,51 @@ impl Solver {
         );
         let mut solution = solution_of(&fit, &matches, all, field, geometry, mirror, found.false_ln);
         solution.epoch_yr = apply.then_some(epoch);
+        let (shift, sigma_px) = self.common_shift(context, &solution);
+        // Every source moves as one, so the attitude turns, and the error of the shift is common to all.
+        let turn = Vec3::new(-shift.1 * mirror.1, shift.0 * mirror.0, 0.0) * -solution.platescale;
+        solution.attitude = solution.attitude.turned(&turn);
+        let variance = (sigma_px * solution.platescale).powi(2);
+        solution.covariance[(0, 0)] += variance;
+        solution.covariance[(1, 1)] += variance;
         Some(solution)
+    }
+
+    /// What all sources have in common: how far the middle of the stars' light is from where they were found, along x and y of the file,
+    /// and one σ of it, px. Stars may be trailed, or in pieces.
+    fn common_shift(&self, context: &Context<'_>, solution: &Solution) -> ((f64, f64), f64) {
+        let tried = self.found.len().min(self.settings.solver.sources.max_sources as usize);
+        let matched = solution.matches.iter().filter(|m| m.source < tried).count();
+        let in_pieces = (matched as f64) < WHOLE_STARS_FRACTION * tried as f64;
+        let trailed = self.finder.psf_axes.is_none_or(|(long, _)| long > SHARP_SIGMA_PX);
+        let kernel_px = if context.scale == 0 { 0.0 } else { (1 << context.scale) as f64 };
+        if !(in_pieces || trailed || context.scale > 0) {
+            return ((0.0, 0.0), 0.0);
+        }
+        let places: Vec<(f64, f64)> = solution
+            .matches
+            .iter()
+            .filter_map(|m| self.found.get(m.source))
+            .filter(|s| !s.saturated && s.snr > STACK_SNR)
+            .map(|s| (s.x, s.y))
+            .collect();
+        match light_of_stars(context.frame, &places) {
+            Light::Apart { shift, sigma, elsewhere } if self.companions(&places, elsewhere) => {
+                (shift, sigma.hypot(SHIFT_DOUBT * shift.0.hypot(shift.1)))
+            }
+            Light::Together => ((0.0, 0.0), KERNEL_DOUBT * kernel_px),
+            Light::Apart { .. } | Light::Unknown => ((0.0, 0.0), KERNEL_DOUBT_UNSEEN * kernel_px),
+        }
+    }
+
+    /// Whether enough of the places have a source of their own at an offset, px: pieces of stars are found as sources too.
+    fn companions(&self, places: &[(f64, f64)], offset: (f64, f64)) -> bool {
+        let has_one = |&&(x, y): &&(f64, f64)| {
+            let (px, py) = (x + offset.0, y + offset.1);
+            self.found.iter().any(|s| (s.x - px).hypot(s.y - py) < COMPANION_PX)
+        };
+        let count = places.iter().filter(has_one).count();
+        count >= LEAST_COMPANIONS && count as f64 >= COMPANION_FRACTION * places.len() as f64
     }
 
     /// No pattern beyond doubt: says what there was; `false`, so that a wider search may follow.

@@ -1,5 +1,7 @@
 //! The search for sources at one scale, from pixels to a ranked list.
 
+#![allow(clippy::indexing_slicing, reason = "a candidate's patch is among the patches of the same search")]
+
 use super::measure::{CoreTemplate, HALF, Patch, Shape, Standing, centroid, moments};
 use super::peaks::{Peak, PeakFinder, PeakRules};
 use super::plane::{Plane, clip_spikes, halve};
@@ -30,10 +32,11 @@ pub struct Source {
 }
 
 /// A peak on its way to a source.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
 struct Candidate {
     peak: Peak,
-    patch: Patch,
+    /// Its place among the patches, which are large and stay where they are.
+    patch: usize,
     sigma: f32,
     standing: Standing,
     saturated: bool,
@@ -65,6 +68,7 @@ pub struct Finder {
     finder: PeakFinder,
     peaks: Vec<Peak>,
     thresholds: Vec<f32>,
+    patches: Vec<Patch>,
     candidates: Vec<Candidate>,
     /// σ of the frame's point spread function at the last search, px: long and short axis.
     pub psf_axes: Option<(f64, f64)>,
@@ -94,6 +98,7 @@ impl Finder {
     ) -> bool {
         sources.clear();
         self.candidates.clear();
+        self.patches.clear();
         let bin = 1usize << scale;
         self.prepare_scale(scale);
         let (width, height) = (frame.width >> scale, frame.height >> scale);
@@ -122,8 +127,9 @@ impl Finder {
         let gain = (cells.gain.unwrap_or(USUAL_GAIN) / (bin * bin) as f64) as f32;
         let template = CoreTemplate::new(&shape);
         for candidate in &mut self.candidates {
-            candidate.standing = Standing::measure(&candidate.patch, &template, candidate.sigma);
-            sources.push(source_of(candidate, &shape, gain, bin));
+            let patch = &self.patches[candidate.patch];
+            candidate.standing = Standing::measure(patch, &template, candidate.sigma);
+            sources.push(source_of(candidate, patch, &shape, gain, bin));
         }
         // Stars first; among equals the surest first. A stable sort, so that the same frame gives the same order.
         sources.sort_by(|a, b| b.star_like.cmp(&a.star_like).then(b.confidence.total_cmp(&a.confidence)));
@@ -174,7 +180,8 @@ impl Finder {
             let standing = Standing::measure(&patch, &template, sigma);
             if standing.confidence >= min_snr {
                 let saturated = cells.saturation.is_some_and(|level| patch.highest() >= 0.98 * f32::from(level));
-                self.candidates.push(Candidate { peak, patch, sigma, standing, saturated });
+                self.candidates.push(Candidate { peak, patch: self.patches.len(), sigma, standing, saturated });
+                self.patches.push(patch);
             }
         }
     }
@@ -207,7 +214,7 @@ impl Finder {
             .iter()
             .filter(good)
             .take(SHAPE_STARS)
-            .filter_map(|c| moments(&c.patch, c.standing.base, Shape::round(FIRST_SIGMA)))
+            .filter_map(|c| moments(&self.patches[c.patch], c.standing.base, Shape::round(FIRST_SIGMA)))
             .collect();
         if shapes.len() < SHAPE_MIN_STARS {
             return None;
@@ -227,8 +234,8 @@ fn rules_cell(settings: &SourceSettings, scale: usize) -> usize {
 }
 
 /// The source of a candidate: its centre where the fit finds one, else its peak with an error of half a sample.
-fn source_of(candidate: &Candidate, shape: &Shape, gain: f32, bin: usize) -> Source {
-    let fitted = centroid(&candidate.patch, &candidate.standing, shape, candidate.sigma, gain);
+fn source_of(candidate: &Candidate, patch: &Patch, shape: &Shape, gain: f32, bin: usize) -> Source {
+    let fitted = centroid(patch, &candidate.standing, shape, candidate.sigma, gain);
     let (dx, dy, sigma, flux) = match fitted {
         Some(c) => (c.x, c.y, c.sigma, c.flux),
         None => (0.0, 0.0, 0.5, candidate.standing.flux),
@@ -243,7 +250,7 @@ fn source_of(candidate: &Candidate, shape: &Shape, gain: f32, bin: usize) -> Sou
         flux: f64::from(flux) * bin * bin,
         snr: f64::from(candidate.standing.snr),
         confidence: f64::from(candidate.standing.confidence),
-        peak: f64::from(candidate.patch.highest() - candidate.standing.base),
+        peak: f64::from(patch.highest() - candidate.standing.base),
         saturated: candidate.saturated,
         star_like: candidate.standing.is_star_like() && fitted.is_some() && !candidate.saturated,
     }

@@ -3,6 +3,7 @@
 #![allow(clippy::indexing_slicing, reason = "a numeric kernel: a patch has a fixed size and its place is checked when it is cut")]
 
 use super::plane::{Plane, Sample};
+use crate::sky::{Kernel, with_vectors};
 
 /// Half the side of a patch, and its side, samples: three boxes of five by three boxes of five.
 pub const HALF: usize = 7;
@@ -120,10 +121,24 @@ impl Shape {
     }
 
     /// Value at an offset from the centre, 1 at the centre.
-    #[inline]
+    #[inline(always)]
     fn value(inverse: (f32, f32, f32), dx: f32, dy: f32) -> f32 {
-        (-0.5 * (inverse.0 * dx * dx + inverse.1 * dy * dy) - inverse.2 * dx * dy).exp()
+        exp_of_negative(-0.5 * (inverse.0 * dx * dx + inverse.1 * dy * dy) - inverse.2 * dx * dy)
     }
+}
+
+/// e^x for x ≤ 0 to 2·10⁻⁶ of its value: 2^n by the exponent's bits, 2^f by a polynomial, so that loops over it vectorise.
+#[inline(always)]
+fn exp_of_negative(x: f32) -> f32 {
+    // Below, the result is less than any sample's noise; and 2^n stays a normal number.
+    const LOWEST: f32 = -80.0;
+    let t = x.clamp(LOWEST, 0.0) * std::f32::consts::LOG2_E;
+    let n = (t - 0.5) as i32;
+    let f = t - n as f32;
+    // Taylor series of 2^f, |f| ≤ ½ and a little.
+    let p = 1.0
+        + f * (0.693_147_2 + f * (0.240_226_5 + f * (0.055_504_11 + f * (0.009_618_13 + f * (0.001_333_36 + f * 0.000_154_04)))));
+    p * f32::from_bits(((n + 127) as u32) << 23)
 }
 
 /// The point spread function over a core, normalised to a sum of 1.
@@ -231,6 +246,81 @@ pub fn moments(patch: &Patch, base: f32, start: Shape) -> Option<Shape> {
     Some(shape)
 }
 
+/// Sums of the normal equations of (height, base, x, y) over a patch, as a kernel: the ten different products of slopes, then the four
+/// products with the residual.
+struct NormalEquations<'a> {
+    patch: &'a Patch,
+    reach: usize,
+    inverse: (f32, f32, f32),
+    height: f32,
+    base: f32,
+    centre: (f32, f32),
+    sigma: f32,
+    gain: f32,
+}
+
+const TERMS: usize = 14;
+
+impl Kernel for NormalEquations<'_> {
+    type Output = [f32; TERMS];
+
+    #[inline(always)]
+    fn run(self) -> [f32; TERMS] {
+        // One sum a column of the patch: a row is done at once, and a column beyond the reach weighs nothing.
+        let mut sums = [[0f32; SIDE + 1]; TERMS];
+        for j in HALF - self.reach..=HALF + self.reach {
+            let dy = j as f32 - HALF as f32 - self.centre.1;
+            let row = &self.patch.samples[j];
+            for i in 0..SIDE {
+                let from_middle = i as f32 - HALF as f32;
+                let inside = if from_middle.abs() <= self.reach as f32 { 1.0 } else { 0.0 };
+                let dx = from_middle - self.centre.0;
+                let p = Shape::value(self.inverse, dx, dy);
+                let model = self.height * p;
+                let w = inside / (self.sigma * self.sigma + self.gain * model.max(0.0));
+                let sx = model * (self.inverse.0 * dx + self.inverse.2 * dy);
+                let sy = model * (self.inverse.1 * dy + self.inverse.2 * dx);
+                let residual = row[i] - self.base - model;
+                let (wp, wx, wy) = (w * p, w * sx, w * sy);
+                let terms = [
+                    wp * p,
+                    wp,
+                    wp * sx,
+                    wp * sy, //
+                    w,
+                    wx,
+                    wy, //
+                    wx * sx,
+                    wx * sy, //
+                    wy * sy, //
+                    wp * residual,
+                    w * residual,
+                    wx * residual,
+                    wy * residual,
+                ];
+                for t in 0..TERMS {
+                    sums[t][i] += terms[t];
+                }
+            }
+        }
+        sums.map(|columns| columns.iter().sum())
+    }
+}
+
+/// The normal matrix and its right side.
+fn unpack(t: &[f32; TERMS]) -> (nalgebra::Matrix4<f64>, nalgebra::Vector4<f64>) {
+    let t = t.map(f64::from);
+    (
+        nalgebra::Matrix4::new(
+            t[0], t[1], t[2], t[3], //
+            t[1], t[4], t[5], t[6], //
+            t[2], t[5], t[7], t[8], //
+            t[3], t[6], t[8], t[9],
+        ),
+        nalgebra::Vector4::new(t[10], t[11], t[12], t[13]),
+    )
+}
+
 /// A fitted centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Centroid {
@@ -263,29 +353,10 @@ pub fn centroid(patch: &Patch, standing: &Standing, shape: &Shape, sigma: f32, g
     let (mut cx, mut cy) = (0f32, 0f32);
     let mut sigma_xy = f32::NAN;
     for _ in 0..STEPS {
-        // Normal equations of (height, base, x, y).
-        let mut n = [[0f64; 4]; 4];
-        let mut r = [0f64; 4];
-        for j in HALF - reach..=HALF + reach {
-            for i in HALF - reach..=HALF + reach {
-                let (dx, dy) = (i as f32 - HALF as f32 - cx, j as f32 - HALF as f32 - cy);
-                let p = Shape::value(inverse, dx, dy);
-                let model = height * p;
-                let weight = 1.0 / (sigma * sigma + gain * model.max(0.0));
-                let slope = [p, 1.0, model * (inverse.0 * dx + inverse.2 * dy), model * (inverse.1 * dy + inverse.2 * dx)];
-                let residual = patch.samples[j][i] - base - model;
-                for a in 0..4 {
-                    let wa = weight * slope[a];
-                    r[a] += f64::from(wa * residual);
-                    for b in a..4 {
-                        n[a][b] += f64::from(wa * slope[b]);
-                    }
-                }
-            }
-        }
-        let matrix = nalgebra::Matrix4::from_fn(|a, b| n[a.min(b)][a.max(b)]);
+        let terms = with_vectors(NormalEquations { patch, reach, inverse, height, base, centre: (cx, cy), sigma, gain });
+        let (matrix, right) = unpack(&terms);
         let inverse_matrix = matrix.cholesky()?.inverse();
-        let step = inverse_matrix * nalgebra::Vector4::from(r);
+        let step = inverse_matrix * right;
         height += step[0] as f32;
         base += step[1] as f32;
         // No step further than a sample: far off, the linear step overshoots.
@@ -301,4 +372,78 @@ pub fn centroid(patch: &Patch, standing: &Standing, shape: &Shape, sigma: f32, g
         }
     }
     sigma_xy.is_finite().then(|| Centroid { x: cx, y: cy, sigma: sigma_xy, flux: height / peak_of_flux, base })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{Rng, SeedableRng};
+
+    /// A plane with one Gaussian star of a flux at a place, on 500 ADU.
+    fn plane(flux: f32, x: f32, y: f32, shape: &Shape) -> Plane<f32> {
+        let inverse = shape.inverse();
+        let peak = flux / (std::f32::consts::TAU * (shape.xx * shape.yy - shape.xy * shape.xy).sqrt());
+        let pixels =
+            (0..31 * 31).map(|n| 500.0 + peak * Shape::value(inverse, (n % 31) as f32 - x, (n / 31) as f32 - y)).collect();
+        Plane { width: 31, height: 31, pixels }
+    }
+
+    #[test]
+    fn the_fast_exponential_is_that_of_the_library() {
+        for i in 0..8000 {
+            let x = -0.01 * i as f32;
+            assert!((exp_of_negative(x) / x.exp() - 1.0).abs() < 5e-6, "{x}");
+        }
+        assert!(exp_of_negative(f32::NEG_INFINITY) < 1e-30);
+    }
+
+    #[test]
+    fn a_centre_has_no_bias_at_any_phase_of_the_pixel() {
+        for shape in [Shape::round(0.9), Shape { xx: 2.0, yy: 1.2, xy: 0.6 }] {
+            for phase in 0..10 {
+                let (x, y) = (15.0 + 0.1 * phase as f32 - 0.5, 15.0 - 0.07 * phase as f32);
+                let patch = Patch::cut(&plane(2000.0, x, y, &shape), 15, 15).unwrap();
+                let standing = Standing::measure(&patch, &CoreTemplate::new(&shape), 8.0);
+                let found = centroid(&patch, &standing, &shape, 8.0, 0.04).unwrap();
+                assert!((found.x - (x - 15.0)).abs() < 2e-3 && (found.y - (y - 15.0)).abs() < 2e-3, "{found:?}");
+                assert!((found.flux / 2000.0 - 1.0).abs() < 1e-2);
+            }
+        }
+    }
+
+    #[test]
+    fn the_sigma_of_a_centre_is_that_of_repeated_trials() {
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(3);
+        let shape = Shape::round(1.0);
+        let clean = plane(600.0, 15.2, 14.9, &shape);
+        const TRIALS: usize = 800;
+        let (mut square, mut claimed) = (0.0, 0.0);
+        for _ in 0..TRIALS {
+            let mut noisy = clean.clone();
+            for p in &mut noisy.pixels {
+                *p += 8.0 * ((0..12).map(|_| random.random::<f32>()).sum::<f32>() - 6.0);
+            }
+            let patch = Patch::cut(&noisy, 15, 15).unwrap();
+            let standing = Standing::measure(&patch, &CoreTemplate::new(&shape), 8.0);
+            let found = centroid(&patch, &standing, &shape, 8.0, 0.0).unwrap();
+            square += ((found.x - 0.2).powi(2) + (found.y + 0.1).powi(2)) / (2 * TRIALS) as f32;
+            claimed += found.sigma.powi(2) / TRIALS as f32;
+        }
+        assert!((square / claimed - 1.0).abs() < 0.2, "{square} against {claimed}");
+    }
+
+    #[test]
+    fn a_hot_pixel_and_an_edge_are_not_like_a_star() {
+        let template = CoreTemplate::new(&Shape::round(1.0));
+        let star = Patch::cut(&plane(2000.0, 15.0, 15.0, &Shape::round(1.0)), 15, 15).unwrap();
+        let star = Standing::measure(&star, &template, 8.0);
+        assert!(star.is_star_like() && star.snr > 50.0, "{star:?}");
+        let mut hot = Plane { width: 31, height: 31, pixels: vec![500f32; 31 * 31] };
+        hot.pixels[15 * 31 + 15] = 900.0;
+        assert!(!Standing::measure(&Patch::cut(&hot, 15, 15).unwrap(), &template, 8.0).is_star_like());
+        let edge =
+            Plane { width: 31, height: 31, pixels: (0..31 * 31).map(|n| if n % 31 < 15 { 500f32 } else { 540.0 }).collect() };
+        let edge = Standing::measure(&Patch::cut(&edge, 16, 15).unwrap(), &template, 8.0);
+        assert!(edge.confidence < 3.0, "{edge:?}");
+    }
 }

@@ -8,5 +8,7 @@ mod finder;
 mod measure;
 mod peaks;
 mod plane;
+mod stack;
 
 pub use finder::{Finder, Source};
+pub use stack::{Light, light_of_stars};
