@@ -1,5 +1,7 @@
 //! The fit: attitude, plate scale and radial distortion from matched sources, with their covariance.
 
+#![allow(clippy::indexing_slicing, reason = "matrices of a fixed size, indexed by constants below it")]
+
 use crate::sky::{Attitude, Mat3, Vec3};
 use nalgebra::{SMatrix, SVector};
 

@@ -24,6 +24,9 @@ const REMEMBERED: usize = 64;
 /// Share of the budget that pairs may use: a last resort.
 const PAIR_SHARE: f64 = 0.01;
 
+/// Whether the boresight may point in a direction.
+pub type Allows<'a> = &'a dyn Fn(&Vec3) -> bool;
+
 /// What the search is bound by.
 pub struct SearchRules<'a> {
     /// Fewest matches of a solution.
@@ -33,7 +36,7 @@ pub struct SearchRules<'a> {
     /// Candidates that may be screened.
     pub budget: u64,
     /// The part of the sky that the prior allows, where the boresight may be inside it: fraction and test.
-    pub region: Option<(f64, &'a dyn Fn(&Vec3) -> bool)>,
+    pub region: Option<(f64, Allows<'a>)>,
     /// Whether only attitudes inside the region are looked at.
     pub region_only: bool,
     /// Asked every few hundred candidates.

@@ -74,11 +74,10 @@ pub fn check(solution: &Solution, settings: &Settings) -> Result<(), Refusal> {
     }
     let sigmas = solution.sigmas() / ARCSEC;
     let pointing_error = 0.5 * (sigmas.x + sigmas.y);
-    // Written so that a NaN is refused.
-    if !(pointing_error <= limits.pointing_error_max_arcsec) {
+    if pointing_error.is_nan() || pointing_error > limits.pointing_error_max_arcsec {
         return Err(Refusal(format!("pointing_error: {pointing_error:.2}″ is above {}″", limits.pointing_error_max_arcsec)));
     }
-    if !(solution.rms_px <= limits.fit_error_max_px) {
+    if solution.rms_px.is_nan() || solution.rms_px > limits.fit_error_max_px {
         return Err(Refusal(format!("fit_error: {:.3} px is above {} px", solution.rms_px, limits.fit_error_max_px)));
     }
     if solution.matches.len() < matching.min_matched as usize {

@@ -9,8 +9,8 @@ use super::{Cause, HorizontalSolution, Outcome, Prior, Reason, SearchMode, Solut
 use crate::catalog::{Catalogue, Field};
 use crate::image::{CellStatistics, Frame, Mask, auto_level};
 use crate::settings::Settings;
-use crate::sky::{CameraModel, DEG, HOUR, Observer, RowOrder, Vec3, horizontal_of};
-use crate::sources::{Finder, Light, Source, light_of_stars};
+use crate::sky::{CameraModel, DEG, HOUR, Mat3, Observer, RowOrder, Vec3, horizontal_of};
+use crate::sources::{Finder, Light, Look, Source, light_of_stars};
 use std::sync::Arc;
 
 /// Solves frames. Holds the catalogue, the index for one field, and the memory that a frame needs. A clone shares catalogue and
@@ -36,8 +36,9 @@ struct Prepared {
     field: Field,
 }
 
-/// Scales that the robust search tries in turn, each with half the resolution of the one before.
-const ROBUST_SCALES: std::ops::RangeInclusive<usize> = 1..=3;
+/// Scales that the robust search tries in turn after the normal one's, each with half the resolution of the one before: kernels of 2, 4
+/// and 8 px.
+const ROBUST_SCALES: usize = 3;
 /// A frame with more of its pixels saturated has no sky left to look at.
 const TOO_BRIGHT_FRACTION: f64 = 0.95;
 /// Sources that a pattern and its check need at least.
@@ -122,12 +123,13 @@ impl Solver {
     ///
     /// The normal search first, and where it does not solve and `solver.robust` is set, the robust one.
     pub fn solve(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome {
-        self.solve_scales(frame, prior, watch, 0..=0, self.settings.solver.robust)
+        let last = if self.settings.solver.robust { ROBUST_SCALES } else { 0 };
+        self.solve_scales(frame, prior, watch, 0..=last)
     }
 
     /// As [`Self::solve`], with the robust search alone: what a bench measures.
     pub fn solve_robust(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome {
-        self.solve_scales(frame, prior, watch, 1..=0, true)
+        self.solve_scales(frame, prior, watch, 1..=ROBUST_SCALES)
     }
 
     fn solve_scales(
@@ -135,8 +137,7 @@ impl Solver {
         frame: &Frame,
         prior: &Prior,
         watch: &dyn Watch,
-        normal: std::ops::RangeInclusive<usize>,
-        robust: bool,
+        scales: std::ops::RangeInclusive<usize>,
     ) -> Outcome {
         let started = watch.elapsed();
         let mut outcome = Outcome::unsolved(frame.stamp.clone(), Reason::NoMatch, "");
@@ -148,7 +149,7 @@ impl Solver {
             self.prepare(frame.width, frame.height);
             self.finder.begin(frame, &self.cells);
             outcome.times.find += watch.elapsed() - started - outcome.times.statistics;
-            for scale in normal.chain(ROBUST_SCALES.filter(|_| robust)) {
+            for scale in scales {
                 outcome.mode = if scale == 0 { SearchMode::Normal } else { SearchMode::Robust };
                 if self.search_scale(frame, prior, watch, scale, mask.as_ref(), &mut outcome) {
                     break;
@@ -234,8 +235,8 @@ impl Solver {
         let masked = |x: usize, y: usize| mask.is_some_and(|m| m.is_masked(x, y));
         let keep_on = || watch.stop().is_none();
         let settings = self.settings.clone();
-        let sources = &settings.solver.sources;
-        let finished = self.finder.find(frame, &self.cells, sources, scale, &masked, &keep_on, &mut self.found);
+        let look = Look { settings: &settings.solver.sources, scale, masked: &masked, keep_on: &keep_on };
+        let finished = self.finder.find(frame, &self.cells, &look, &mut self.found);
         outcome.times.find += watch.elapsed() - started;
         if !finished {
             return stopped(outcome, watch.stop().unwrap_or(Stop::Aborted));
@@ -403,8 +404,7 @@ impl Solver {
         let turn = Vec3::new(-shift.1 * mirror.1, shift.0 * mirror.0, 0.0) * -solution.platescale;
         solution.attitude = solution.attitude.turned(&turn);
         let variance = (sigma_px * solution.platescale).powi(2);
-        solution.covariance[(0, 0)] += variance;
-        solution.covariance[(1, 1)] += variance;
+        solution.covariance += Mat3::from_diagonal(&Vec3::new(variance, variance, 0.0));
         Some(solution)
     }
 

@@ -57,6 +57,18 @@ const SHAPE_MIN_STARS: usize = 3;
 /// Gain where the frame does not show its own, ADU/e⁻: that of the cameras that flew.
 const USUAL_GAIN: f64 = 0.041;
 
+/// How to look for sources.
+pub struct Look<'a> {
+    /// Thresholds and limits.
+    pub settings: &'a SourceSettings,
+    /// 0 is the picture itself, each further scale halves it.
+    pub scale: usize,
+    /// Whether a place, px, is left out.
+    pub masked: &'a dyn Fn(usize, usize) -> bool,
+    /// Asked every few rows.
+    pub keep_on: &'a dyn Fn() -> bool,
+}
+
 /// Finds sources, in the memory of the last frame.
 #[derive(Debug, Clone, Default)]
 pub struct Finder {
@@ -83,19 +95,9 @@ impl Finder {
         self.psf_axes = None;
     }
 
-    /// Finds the sources of the frame at a scale: 0 is the picture itself, each further one halves it.
-    ///
-    /// `masked` says whether a place, px, is left out; `keep_on` is asked every few rows. `false` where it said no.
-    pub fn find(
-        &mut self,
-        frame: &Frame,
-        cells: &CellStatistics,
-        settings: &SourceSettings,
-        scale: usize,
-        masked: &dyn Fn(usize, usize) -> bool,
-        keep_on: &dyn Fn() -> bool,
-        sources: &mut Vec<Source>,
-    ) -> bool {
+    /// Finds the sources of the frame; `false` where it was told not to keep on.
+    pub fn find(&mut self, frame: &Frame, cells: &CellStatistics, look: &Look<'_>, sources: &mut Vec<Source>) -> bool {
+        let &Look { settings, scale, masked, keep_on } = look;
         sources.clear();
         self.candidates.clear();
         self.patches.clear();

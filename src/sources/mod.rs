@@ -10,5 +10,5 @@ mod peaks;
 mod plane;
 mod stack;
 
-pub use finder::{Finder, Source};
+pub use finder::{Finder, Look, Source};
 pub use stack::{Light, light_of_stars};
