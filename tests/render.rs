@@ -97,7 +97,7 @@ fn a_seed_names_the_same_frame_on_any_machine() {
             pixels.iter().zip(1u64..).fold(0u64, |sum, (&pixel, place)| sum.wrapping_add(place.wrapping_mul(u64::from(pixel))))
         })
         .collect();
-    assert_eq!(sums, [4_758_902_365_164, 6_214_305_056_350, 4_983_107_791_659]);
+    assert_eq!(sums, [4_758_902_365_164, 6_180_922_382_344, 4_983_107_791_659]);
 }
 
 #[test]

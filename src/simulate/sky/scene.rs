@@ -67,7 +67,7 @@ impl Scene {
         let mut attitude = spec.attitude.unwrap_or_else(|| draw_attitude(spec.kind, &mut pointing));
         let mut overflowing = None;
         if spec.kind == Kind::Saturated {
-            if sky.chance(0.5) && !catalogue.stars.is_empty() {
+            if sky.chance(0.4) && !catalogue.stars.is_empty() {
                 let bright = sky.count(0, BRIGHTEST.min(catalogue.stars.len()) - 1);
                 overflowing = Some((bright, sky.log_uniform(10.0, 100.0)));
                 sensor.overflows = true;
@@ -75,7 +75,7 @@ impl Scene {
                     attitude = attitude_near(catalogue, bright, &optics, &mut pointing).unwrap_or(attitude);
                 }
             } else {
-                backdrop.glare = Some(Glare::covering(sky.uniform(0.2, 1.0), sky.angle(), sky.log_uniform(30.0, 400.0)));
+                backdrop.glare = Some(Glare::covering(sky.uniform(0.2, 1.0), sky.angle(), sky.log_uniform(60.0, 600.0)));
             }
         }
         Self {
@@ -212,7 +212,8 @@ fn draw_backdrop(spec: &RenderSpec, dice: &mut Dice, sensor: &Sensor) -> Backdro
     let dark = match spec.kind {
         Kind::Night => true,
         Kind::Defocus30 => dice.chance(0.5),
-        Kind::NoStars | Kind::Saturated => dice.chance(0.3),
+        Kind::NoStars => dice.chance(0.3),
+        Kind::Saturated => dice.chance(0.1),
         _ => false,
     };
     let (low, high) = match spec.kind {
@@ -237,8 +238,8 @@ fn draw_backdrop(spec: &RenderSpec, dice: &mut Dice, sensor: &Sensor) -> Backdro
     for _ in 0..dice.count(2, 4) {
         backdrop.clouds.push(Cloud {
             angle: dice.angle(),
-            wavelength_px: dice.log_uniform(60.0, 300.0),
-            amplitude_adu: sky_adu * dice.uniform(0.02, 0.08),
+            wavelength_px: dice.log_uniform(80.0, 400.0),
+            amplitude_adu: sky_adu * dice.uniform(0.01, 0.05),
             phase: dice.angle(),
             warp: dice.uniform(0.5, 3.0),
             warp_angle: dice.angle(),
@@ -253,7 +254,7 @@ fn draw_backdrop(spec: &RenderSpec, dice: &mut Dice, sensor: &Sensor) -> Backdro
             angle: dice.angle(),
             half_length_px: width * dice.uniform(0.12, 0.5),
             half_width_px: width * dice.uniform(0.03, 0.16),
-            level_adu: sky_adu * dice.uniform(0.03, 0.12),
+            level_adu: sky_adu * dice.uniform(0.02, 0.08),
         });
     }
     let mut events = spec.dice(Purpose::Events);
@@ -265,7 +266,7 @@ fn draw_backdrop(spec: &RenderSpec, dice: &mut Dice, sensor: &Sensor) -> Backdro
             angle: events.uniform(0.0, PI),
             sigma_px: events.uniform(0.9, 2.0),
             // Of the peak: from hardly seen to blinding.
-            level_adu: sensor.sum_over_mean * events.log_uniform(8.0, 400.0),
+            level_adu: sensor.sum_over_mean * events.log_uniform(8.0, 200.0),
         });
     }
     backdrop
@@ -278,7 +279,7 @@ fn draw_glow(dice: &mut Dice, sky_adu: f64, width: f64, height: f64) -> Glow {
         x: width * (0.5 + 0.6 * libm::cos(along)),
         y: height * (0.5 + 0.6 * libm::sin(along)),
         radius_px: width * dice.uniform(0.05, 0.3),
-        level_adu: sky_adu * dice.uniform(0.1, 0.6),
+        level_adu: sky_adu * dice.uniform(0.1, 0.5),
     }
 }
 
