@@ -3,7 +3,6 @@
 #![allow(clippy::indexing_slicing, reason = "a numeric kernel: a patch has a fixed size and its place is checked when it is cut")]
 
 use super::plane::{Plane, Sample};
-use crate::sky::{Kernel, with_vectors};
 
 /// Half the side of a patch, and its side, samples: three boxes of five by three boxes of five.
 pub const HALF: usize = 7;
@@ -247,64 +246,54 @@ pub fn moments(patch: &Patch, base: f32, start: Shape) -> Option<Shape> {
     Some(shape)
 }
 
-/// Sums of the normal equations of (height, base, x, y) over a patch, as a kernel: the ten different products of slopes, then the four
-/// products with the residual.
-struct NormalEquations<'a> {
-    patch: &'a Patch,
-    reach: usize,
+/// A star's model at one step of a fit.
+struct StarModel {
     inverse: (f32, f32, f32),
     height: f32,
     base: f32,
     centre: (f32, f32),
-    sigma: f32,
-    gain: f32,
 }
 
+/// The ten different products of the slopes of (height, base, x, y), then the four products with the residual.
 const TERMS: usize = 14;
 
-impl Kernel for NormalEquations<'_> {
-    type Output = [f32; TERMS];
-
-    #[inline(always)]
-    fn run(self) -> [f32; TERMS] {
-        // One sum a column of the patch: a row is done at once, and a column beyond the reach weighs nothing.
-        let mut sums = [[0f32; SIDE + 1]; TERMS];
-        for j in HALF - self.reach..=HALF + self.reach {
+impl StarModel {
+    /// Sums of the normal equations over the samples within `reach` of the middle, weighted by the noise of sky and star.
+    fn normal_equations(&self, patch: &Patch, reach: usize, sigma: f32, gain: f32) -> [f32; TERMS] {
+        let mut sums = [0f32; TERMS];
+        for j in HALF - reach..=HALF + reach {
             let dy = j as f32 - HALF as f32 - self.centre.1;
-            let row = &self.patch.samples[j];
-            for i in 0..SIDE {
-                let from_middle = i as f32 - HALF as f32;
-                let inside = if from_middle.abs() <= self.reach as f32 { 1.0 } else { 0.0 };
-                let dx = from_middle - self.centre.0;
+            for i in HALF - reach..=HALF + reach {
+                let dx = i as f32 - HALF as f32 - self.centre.0;
                 let p = Shape::value(self.inverse, dx, dy);
                 let model = self.height * p;
-                let w = inside / (self.sigma * self.sigma + self.gain * model.max(0.0));
+                let w = 1.0 / (sigma * sigma + gain * model.max(0.0));
                 let sx = model * (self.inverse.0 * dx + self.inverse.2 * dy);
                 let sy = model * (self.inverse.1 * dy + self.inverse.2 * dx);
-                let residual = row[i] - self.base - model;
+                let residual = patch.samples[j][i] - self.base - model;
                 let (wp, wx, wy) = (w * p, w * sx, w * sy);
                 let terms = [
                     wp * p,
                     wp,
                     wp * sx,
-                    wp * sy, //
+                    wp * sy,
                     w,
                     wx,
-                    wy, //
+                    wy,
                     wx * sx,
-                    wx * sy, //
-                    wy * sy, //
+                    wx * sy,
+                    wy * sy,
                     wp * residual,
                     w * residual,
                     wx * residual,
                     wy * residual,
                 ];
-                for t in 0..TERMS {
-                    sums[t][i] += terms[t];
+                for (sum, term) in sums.iter_mut().zip(terms) {
+                    *sum += term;
                 }
             }
         }
-        sums.map(|columns| columns.iter().sum())
+        sums
     }
 }
 
@@ -354,7 +343,8 @@ pub fn centroid(patch: &Patch, standing: &Standing, shape: &Shape, sigma: f32, g
     let (mut cx, mut cy) = (0f32, 0f32);
     let mut sigma_xy = f32::NAN;
     for _ in 0..STEPS {
-        let terms = with_vectors(NormalEquations { patch, reach, inverse, height, base, centre: (cx, cy), sigma, gain });
+        let model = StarModel { inverse, height, base, centre: (cx, cy) };
+        let terms = model.normal_equations(patch, reach, sigma, gain);
         let (matrix, right) = unpack(&terms);
         let inverse_matrix = matrix.cholesky()?.inverse();
         let step = inverse_matrix * right;
