@@ -1,5 +1,7 @@
 //! Image files, read through the crate's public face.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "this is a test")]
+
 use std::path::PathBuf;
 
 use proptest::prelude::*;

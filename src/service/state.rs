@@ -116,7 +116,7 @@ pub struct Counters {
 
 /// The parts of the service that are started again when they end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[allow(missing_docs)] // the names are the meaning
+#[allow(missing_docs, reason = "the names are the meaning")]
 pub enum Actor {
     Camera,
     Solver,

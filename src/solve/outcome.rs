@@ -43,7 +43,7 @@ pub enum Reason {
 /// What the frame's own evidence says was wrong. A closed list; the order is that of the wire codes, which begin at 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
-#[allow(missing_docs)] // the names are the meaning
+#[allow(missing_docs, reason = "the names are the meaning")]
 pub enum Cause {
     Overexposed,
     Saturated,

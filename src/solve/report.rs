@@ -112,7 +112,7 @@ pub struct PointingReport {
 
 /// Where an observer stands and how far the sky has turned.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[allow(missing_docs)] // the names are the meaning
+#[allow(missing_docs, reason = "the names are the meaning")]
 pub struct ObserverReport {
     pub latitude_deg: Option<f64>,
     pub sidereal_time_h: Option<f64>,
@@ -120,7 +120,7 @@ pub struct ObserverReport {
 
 /// A candidate that was not served.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[allow(missing_docs)] // as in the pointing
+#[allow(missing_docs, reason = "as in the pointing")]
 pub struct CandidateReport {
     pub ra_deg: Option<f64>,
     pub dec_deg: Option<f64>,
@@ -133,7 +133,7 @@ pub struct CandidateReport {
 
 /// What was known before the frame was solved.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-#[allow(missing_docs)] // the names are the meaning
+#[allow(missing_docs, reason = "the names are the meaning")]
 pub struct PriorReport {
     pub az_deg: Option<f64>,
     pub el_deg: Option<f64>,
@@ -203,7 +203,7 @@ pub struct StarEntry {
 
 /// Time of each stage, ms.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-#[allow(missing_docs)] // the stages are those of `StageTimes`
+#[allow(missing_docs, reason = "the stages are those of StageTimes")]
 pub struct TimesReport {
     pub read: f64,
     pub statistics: f64,
@@ -217,7 +217,7 @@ pub struct TimesReport {
 /// A correction that a pointing may have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-#[allow(missing_docs)] // the names are the meaning
+#[allow(missing_docs, reason = "the names are the meaning")]
 pub enum Correction {
     ProperMotion,
     Aberration,

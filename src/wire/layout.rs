@@ -17,7 +17,7 @@ pub struct About {
 
 /// A number of fixed width, little-endian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[allow(missing_docs)] // the names are the meaning
+#[allow(missing_docs, reason = "the names are the meaning")]
 pub enum Scalar {
     Bool,
     U8,

@@ -32,7 +32,7 @@ pub enum Kind {
 
 /// One message.
 #[derive(Debug, Clone, PartialEq)]
-#[allow(missing_docs)] // the names are those of the bodies
+#[allow(missing_docs, reason = "the names are those of the bodies")]
 pub enum Message {
     Hello(Box<Hello>),
     Refuse(Box<Refuse>),

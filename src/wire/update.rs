@@ -10,7 +10,7 @@ use crate::solve::{Cause, Reason, SearchMode};
 /// Why a command was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
-#[allow(missing_docs)] // the names are the meaning
+#[allow(missing_docs, reason = "the names are the meaning")]
 pub enum CommandRefusal {
     NotInCharge,
     Stale,

@@ -152,9 +152,9 @@ fn literal_or_comment(rest: &str, before: Option<char>) -> usize {
         quoted(rest, '"')
     } else if rest.starts_with('r') && !word_before {
         raw_string(rest)
-    } else if rest.starts_with('\'') {
+    } else if let Some(after) = rest.strip_prefix('\'') {
         // A lifetime has no closing quote right behind one character.
-        let mut chars = rest[1..].chars();
+        let mut chars = after.chars();
         match (chars.next(), chars.next()) {
             (Some('\\'), _) => quoted(rest, '\''),
             (Some(c), Some('\'')) => 2 + c.len_utf8(),
