@@ -4,7 +4,7 @@
 //! being written is torn, and is told as unreadable.
 
 use super::{CameraError, Moment, Source};
-use crate::image::{Frame, read, series_stem};
+use crate::image::{Frame, MAX_PARTS, coadd, read, series_stem};
 use crate::settings::CameraSettings;
 use std::collections::{BTreeMap, HashSet, VecDeque};
 use std::fs;
@@ -13,8 +13,6 @@ use std::path::{Path, PathBuf};
 
 /// Extensions of image files, in lower case.
 const EXTENSIONS: [&str; 8] = ["fits", "fit", "fts", "tif", "tiff", "png", "jpg", "jpeg"];
-/// Parts of a series that are co-added: as many exposures as the camera that flew took in a row.
-const MOST_PARTS: usize = 4;
 /// No image file that we read is longer, bytes: 100 million pixels of 64 bits and their header.
 const LONGEST_FILE: u64 = 1 << 30;
 
@@ -73,7 +71,7 @@ impl Directory {
     fn load(&self, series: &Series) -> Result<Frame, CameraError> {
         let mut frames = Vec::new();
         let mut problems = Vec::new();
-        for part in series.parts.iter().take(MOST_PARTS) {
+        for part in series.parts.iter().take(MAX_PARTS) {
             match load(&self.directory.join(part), part) {
                 Ok(mut frame) => {
                     frame.full_scale = frame.full_scale.or(self.full_scale);
@@ -86,12 +84,13 @@ impl Directory {
         if frames.is_empty() {
             return Err(unreadable(problems.join("; ")));
         }
-        for problem in problems {
+        let too_many = series.parts.iter().skip(MAX_PARTS).map(|part| format!("{part}: more than {MAX_PARTS} parts"));
+        for problem in problems.into_iter().chain(too_many) {
             tracing::warn!(problem, "left out of its series");
         }
         match frames.len() {
             1 => frames.pop().ok_or(CameraError::NothingNew),
-            parts => Err(unreadable(format!("{parts} parts, and nothing adds them up yet"))),
+            _ => coadd(&frames).map_err(|error| unreadable(error.to_string())),
         }
     }
 }
@@ -151,4 +150,121 @@ fn load(path: &Path, name: &str) -> Result<Frame, String> {
     }
     let bytes = fs::read(path).map_err(wrong)?;
     read(name, &bytes).map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::{ImageCounter, write_fits};
+    use crate::settings::Settings;
+    use crate::sky::{ClockQuality, RowOrder};
+    use std::time::Duration;
+    use tempfile::TempDir;
+
+    /// Puts a small image there, all pixels of one value.
+    fn put(there: &TempDir, name: &str, adu: u16) {
+        let frame = Frame::new(8, 8, vec![adu; 64], RowOrder::BottomFirst).unwrap();
+        let mut bytes = Vec::new();
+        write_fits(&frame, &mut bytes).unwrap();
+        fs::write(there.path().join(name), bytes).unwrap();
+    }
+
+    fn camera(there: &TempDir, change: impl FnOnce(&mut CameraSettings)) -> Directory {
+        let mut settings = Settings::flight().unwrap().camera;
+        settings.directory = there.path().display().to_string();
+        change(&mut settings);
+        Directory::new(&settings)
+    }
+
+    fn next(camera: &mut Directory) -> Result<Frame, CameraError> {
+        let image = ImageCounter(0);
+        camera.next(&Moment { image, uptime: Duration::ZERO, utc: None, quality: ClockQuality::Unset })
+    }
+
+    /// Names of the next frames until there is nothing new.
+    fn shown(camera: &mut Directory) -> Vec<String> {
+        std::iter::from_fn(|| next(camera).ok()).map(|frame| frame.stamp.origin).collect()
+    }
+
+    #[test]
+    fn images_come_in_the_order_of_their_names_and_new_ones_when_all_were_shown() {
+        let there = tempfile::tempdir().unwrap();
+        for name in ["b.fits", "a.fits", "c.FITS", "notes.txt", ".hidden.fits"] {
+            put(&there, name, 5);
+        }
+        let mut camera = camera(&there, |_| {});
+        assert_eq!(shown(&mut camera), ["a.fits", "b.fits", "c.FITS"]);
+        assert_eq!(next(&mut camera), Err(CameraError::NothingNew));
+        put(&there, "aa.fits", 5);
+        assert_eq!(shown(&mut camera), ["aa.fits"]);
+        fs::remove_file(there.path().join("b.fits")).unwrap();
+        assert_eq!(next(&mut camera), Err(CameraError::NothingNew));
+        put(&there, "b.fits", 6);
+        assert_eq!(shown(&mut camera), ["b.fits"], "an image that came back is new");
+    }
+
+    #[test]
+    fn a_repeated_directory_begins_again_and_finds_what_is_new() {
+        let there = tempfile::tempdir().unwrap();
+        put(&there, "b.fits", 5);
+        let mut camera = camera(&there, |settings| settings.repeat = true);
+        let mut name = || next(&mut camera).unwrap().stamp.origin;
+        assert_eq!([name(), name()], ["b.fits", "b.fits"]);
+        put(&there, "a.fits", 5);
+        assert_eq!([name(), name(), name()], ["a.fits", "b.fits", "a.fits"]);
+    }
+
+    #[test]
+    fn the_parts_of_a_series_are_added_unless_they_are_not_to_be() {
+        let there = tempfile::tempdir().unwrap();
+        for (name, adu) in [("s_p0.fits", 1), ("s_p1.fits", 10), ("s_p10.fits", 100), ("s_p2.fits", 1000), ("t.fits", 7)] {
+            put(&there, name, adu);
+        }
+        let mut together = camera(&there, |_| {});
+        let frame = next(&mut together).unwrap();
+        assert_eq!((frame.pixels[0], frame.stamp.exposures), (1111, 4));
+        assert_eq!(next(&mut together).unwrap().pixels[0], 7);
+        assert_eq!(next(&mut together), Err(CameraError::NothingNew));
+        let mut apart = camera(&there, |settings| settings.stack_parts = false);
+        assert_eq!(shown(&mut apart).len(), 5);
+    }
+
+    #[test]
+    fn a_fifth_part_and_a_torn_one_are_left_out_of_their_series() {
+        let there = tempfile::tempdir().unwrap();
+        for part in 0..6 {
+            put(&there, &format!("s_p{part}.fits"), 1 << part);
+        }
+        fs::write(there.path().join("s_p1.fits"), "SIMPLE  =").unwrap();
+        let frame = next(&mut camera(&there, |_| {})).unwrap();
+        assert_eq!((frame.pixels[0], frame.stamp.exposures), (1 + 4 + 8, 3));
+    }
+
+    #[test]
+    fn a_torn_image_is_unreadable_and_the_next_is_shown() {
+        let there = tempfile::tempdir().unwrap();
+        put(&there, "a.fits", 5);
+        put(&there, "b.fits", 5);
+        let whole = fs::read(there.path().join("a.fits")).unwrap();
+        fs::write(there.path().join("a.fits"), &whole[..2890]).unwrap();
+        fs::create_dir(there.path().join("aa.fits")).unwrap();
+        let mut camera = camera(&there, |_| {});
+        for (name, what) in [("a.fits", "cut short"), ("aa.fits", "not a file")] {
+            let Err(CameraError::Unreadable { origin, problem }) = next(&mut camera) else { panic!("{name} was read") };
+            assert_eq!(origin, name);
+            assert!(problem.contains(what), "{problem}");
+        }
+        assert_eq!(shown(&mut camera), ["b.fits"]);
+    }
+
+    #[test]
+    fn a_directory_that_is_not_there_is_named_and_used_once_it_is() {
+        let there = tempfile::tempdir().unwrap();
+        let path = there.path().join("later");
+        let mut camera = camera(&there, |settings| settings.directory = path.display().to_string());
+        let Err(CameraError::Unavailable(why)) = next(&mut camera) else { panic!("it is there") };
+        assert!(why.contains("later"), "{why}");
+        fs::create_dir(&path).unwrap();
+        assert_eq!(next(&mut camera), Err(CameraError::NothingNew));
+    }
 }

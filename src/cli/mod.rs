@@ -6,12 +6,15 @@
 
 mod catalog;
 mod config;
+mod demo;
 mod fcp;
 mod file;
 mod font;
+mod judge;
 mod overlay;
 mod render;
 mod run;
+mod selftest;
 mod settings;
 mod solve;
 mod text;
@@ -35,9 +38,11 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Catalog(catalog::Args),
+    Demo(demo::Args),
     Fcp(fcp::Args),
     Render(render::Args),
     Run(run::Args),
+    Selftest(selftest::Args),
     Settings(settings::Args),
     Solve(solve::Args),
 }
@@ -46,9 +51,11 @@ impl Command {
     fn run(self) -> anyhow::Result<ExitCode> {
         match self {
             Self::Catalog(args) => args.run(),
+            Self::Demo(args) => args.run(),
             Self::Fcp(args) => args.run(),
             Self::Render(args) => args.run(),
             Self::Run(args) => args.run(),
+            Self::Selftest(args) => args.run(),
             Self::Settings(args) => args.run(),
             Self::Solve(args) => args.run(),
         }

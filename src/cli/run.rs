@@ -38,7 +38,7 @@ impl Args {
     /// Where the settings are wrong or the address cannot be had.
     pub fn run(self) -> anyhow::Result<ExitCode> {
         let settings = Arc::new(self.config.load()?.settings);
-        start_logging();
+        start_logging("info");
         let runtime = runtime()?;
         let ended = runtime.block_on(async {
             let stop = stop_signal()?;
@@ -62,9 +62,9 @@ pub fn runtime() -> anyhow::Result<Runtime> {
     builder.build().context("the runtime cannot be started")
 }
 
-/// Log lines to stderr, by default from `info` up.
-pub fn start_logging() {
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "info".into());
+/// Log lines to stderr, from `level` up unless the environment says otherwise.
+pub fn start_logging(level: &str) {
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| level.into());
     let terminal = std::io::stderr().is_terminal();
     let log =
         tracing_subscriber::fmt().with_writer(std::io::stderr).with_ansi(terminal).with_env_filter(filter).with_target(false);

@@ -239,8 +239,7 @@ mod tests {
     }
 
     /// What matters of a state: the ages of claims in whole seconds, and the order of the connections.
-    #[allow(clippy::type_complexity, reason = "a key of a set, in this test alone")]
-    fn essence(machine: &InCharge, now: Tick) -> (Vec<(u8, u64, Option<u64>)>, Option<u8>) {
+    fn essence(machine: &InCharge, now: Tick) -> impl Eq + std::hash::Hash + use<> {
         let mut starts: Vec<Tick> = machine.peers.iter().map(|peer| peer.connected).collect();
         starts.sort_unstable();
         starts.dedup();

@@ -36,7 +36,7 @@ pub use camera::MakeSource;
 pub use clock::{Clock, utc_now};
 pub use codec::{Codec, LinkError};
 pub use flight_computer::{STATUS_PERIOD, Seen, Sighting, fly};
-pub use parts::Parts;
+pub use parts::{Parts, PartsError, Stars};
 pub use session::Closed;
 pub use solver::{MakeSolver, Solve};
 pub use state::{Actor, CameraState, Counters, Finished, Peer, Readiness, Simulated, State};
@@ -84,6 +84,9 @@ pub enum StartError {
         /// Why not.
         error: std::io::Error,
     },
+    /// A part cannot be had.
+    #[error(transparent)]
+    Parts(#[from] PartsError),
     /// Not an address.
     #[error("network.peers: \"{0}\" is no IP address")]
     Peer(String),
@@ -144,7 +147,7 @@ impl Running {
 pub async fn start(settings: Arc<Settings>) -> Result<Running, StartError> {
     let address = settings.network.listen.clone();
     let listener = TcpListener::bind(&address).await.map_err(|error| StartError::Listen { address, error })?;
-    let parts = Parts::of(&settings);
+    let parts = Parts::of(&settings)?;
     start_with(settings, parts, listener)
 }
 

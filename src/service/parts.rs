@@ -2,9 +2,9 @@
 
 use super::camera::MakeSource;
 use super::solver::{MakeSolver, Solve};
-use crate::camera::{Directory, SimulatedSky, Source};
+use crate::camera::{CameraError, Directory, Moment, SimulatedSky, Source};
 use crate::catalog::{Catalogue, MAX_FILE_BYTES};
-use crate::image::Frame;
+use crate::image::{BadPixels, BadPixelsError, Frame};
 use crate::settings::{CameraKind, Settings};
 use crate::solve::{Outcome, Prior, Report, Solver, Watch};
 use std::fs::File;
@@ -20,26 +20,85 @@ pub struct Parts {
     pub solver: MakeSolver,
 }
 
+/// Why the settings' parts cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum PartsError {
+    /// The list of bad pixels cannot be read.
+    #[error("solver.sources.bad_pixels_file = \"{name}\": {error}")]
+    List {
+        /// The file of the settings.
+        name: String,
+        /// Why not.
+        error: std::io::Error,
+    },
+    /// A line of it is wrong.
+    #[error("solver.sources.bad_pixels_file: {0}")]
+    Line(#[from] BadPixelsError),
+}
+
 impl Parts {
-    /// The parts that the settings name. Nothing is read or built before an actor asks for it.
-    pub fn of(settings: &Arc<Settings>) -> Self {
-        let stars = Stars::of(settings);
-        let camera: Option<MakeSource> = match settings.camera.kind {
+    /// The parts that the settings name. Catalogue, index and images are read and built when an actor asks for them.
+    ///
+    /// # Errors
+    /// Where the list of bad pixels is wrong.
+    pub fn of(settings: &Arc<Settings>) -> Result<Self, PartsError> {
+        Self::with_stars(settings, &Stars::of(settings))
+    }
+
+    /// As [`Self::of`], with a catalogue that others use too.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn with_stars(settings: &Arc<Settings>, stars: &Stars) -> Result<Self, PartsError> {
+        let bad_pixels = Arc::new(bad_pixels(&settings.solver.sources.bad_pixels_file)?);
+        let camera = match settings.camera.kind {
             CameraKind::None => None,
             CameraKind::Directory => {
                 let settings = Arc::clone(settings);
-                Some(Arc::new(move || Ok(Box::new(Directory::new(&settings.camera)) as Box<dyn Source>)))
+                Some(mended(bad_pixels, move || Ok(Directory::new(&settings.camera))))
             }
             CameraKind::Sky => {
                 let (settings, stars) = (Arc::clone(settings), stars.clone());
-                Some(Arc::new(move || {
-                    let sky = SimulatedSky::new(&settings, stars.load()?).map_err(|error| error.to_string())?;
-                    Ok(Box::new(sky) as Box<dyn Source>)
-                }))
+                let make = move || SimulatedSky::new(&settings, stars.load()?).map_err(|error| error.to_string());
+                Some(mended(bad_pixels, make))
             }
         };
-        Self { camera, solver: solver(Arc::clone(settings), stars) }
+        Ok(Self { camera, solver: solver(Arc::clone(settings), stars.clone()) })
     }
+}
+
+/// A source whose frames have their bad pixels replaced.
+struct Mended<S> {
+    source: S,
+    bad_pixels: Arc<BadPixels>,
+}
+
+impl<S: Source> Source for Mended<S> {
+    fn next(&mut self, moment: &Moment) -> Result<Frame, CameraError> {
+        let mut frame = self.source.next(moment)?;
+        self.bad_pixels.apply(&mut frame.pixels, frame.width, frame.height);
+        Ok(frame)
+    }
+}
+
+fn mended<S: Source + 'static>(
+    bad_pixels: Arc<BadPixels>,
+    make: impl Fn() -> Result<S, String> + Send + Sync + 'static,
+) -> MakeSource {
+    Arc::new(move || Ok(Box::new(Mended { source: make()?, bad_pixels: Arc::clone(&bad_pixels) }) as Box<dyn Source>))
+}
+
+fn bad_pixels(name: &str) -> Result<BadPixels, PartsError> {
+    /// Longer than the list of any detector that is worth flying, bytes.
+    const LONGEST: u64 = 1 << 24;
+    if name.is_empty() {
+        return Ok(BadPixels::default());
+    }
+    let mut list = String::new();
+    File::open(name)
+        .and_then(|file| file.take(LONGEST).read_to_string(&mut list))
+        .map_err(|error| PartsError::List { name: name.to_owned(), error })?;
+    Ok(BadPixels::parse(name, &list)?)
 }
 
 /// Makes solvers that share one catalogue and one index, which the first of them builds.

@@ -270,7 +270,8 @@ impl Report {
 }
 
 impl PointingReport {
-    fn new(solution: &Solution) -> Self {
+    /// A pointing in the units of the outside.
+    pub fn new(solution: &Solution) -> Self {
         let (ra, dec, roll) = solution.attitude.angles();
         let sigmas = solution.sigmas();
         let horizontal = solution.horizontal.as_ref();

@@ -150,7 +150,7 @@ async fn a_catalogue_that_is_refused_is_told_with_every_frame_and_updates_go_on(
     let mut settings = settings();
     settings.catalog.file = "/nowhere/stars.bin".to_owned();
     let shared = Arc::new(settings.clone());
-    let parts = Parts { camera: plain_camera(), ..Parts::of(&shared) };
+    let parts = Parts { camera: plain_camera(), ..Parts::of(&shared).unwrap() };
     let running = start(settings, parts).await;
     let state = until(&running, |state| latest(state).is_some()).await;
     let outcome = latest(&state).unwrap();

@@ -1,0 +1,241 @@
+//! `stars selftest`: before launch, in daylight: is everything there that the flight service needs?
+
+use super::judge::Judged;
+use super::{ConfigArgs, NEGATIVE, print};
+use crate::camera::{Directory, Moment, Source};
+use crate::catalog::Catalogue;
+use crate::image::ImageCounter;
+use crate::service::{Clock, Parts, Stars, utc_now};
+use crate::settings::{CameraKind, LensKind, Settings};
+use crate::simulate::sky::{Kind, RenderSpec, Rendered, render};
+use crate::sky::{ARCSEC, ClockQuality};
+use crate::solve::{Outcome, PointingReport, Prior, Reason, Solver, Unwatched};
+use std::io::Write;
+use std::net::TcpListener;
+use std::os::unix::fs::FileTypeExt;
+use std::path::Path;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Frames that are rendered and solved: what a flight sees, and what strains it.
+const FRAMES: [Kind; 4] = [Kind::Night, Kind::Float, Kind::Dense, Kind::HotPix];
+/// Seed of the rendered frames.
+const SEED: u64 = 2017;
+/// Frames of a kind that are rendered until one is found that must be solved.
+const ATTEMPTS: u64 = 20;
+
+/// Tests before launch, in daylight: says ready, or why not; moves nothing
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  stars selftest --custom custom.toml
+  stars selftest --set camera.kind=directory --set camera.directory=images
+Solves simulated frames of this camera's size, plate scale, mask and bad pixels; checks catalogue, address, disk and devices.
+Exits 0 when ready, 1 when not, 2 if the call or a settings file is wrong.")]
+pub struct Args {
+    #[command(flatten)]
+    config: ConfigArgs,
+}
+
+/// How a check ended: what was seen, worth a look or not, or what is wrong.
+enum Verdict {
+    Good(String),
+    Note(String),
+    Bad(String),
+}
+
+impl From<Result<String, String>> for Verdict {
+    fn from(result: Result<String, String>) -> Self {
+        result.map_or_else(Self::Bad, Self::Good)
+    }
+}
+
+impl Args {
+    /// Runs every check, whatever the others say.
+    ///
+    /// # Errors
+    /// Where the settings are wrong or stdout cannot be written.
+    pub fn run(self) -> anyhow::Result<ExitCode> {
+        let settings = Arc::new(self.config.load()?.settings);
+        let mut bad = 0;
+        let mut say = |name: &str, verdict: Verdict| {
+            let (word, text) = match verdict {
+                Verdict::Good(text) => ("ok", text),
+                Verdict::Note(text) => ("note", text),
+                Verdict::Bad(text) => {
+                    bad += 1;
+                    ("BAD", text)
+                }
+            };
+            print(&format!("{word:<4}  {name:<10}  {text}"))
+        };
+        let stars = Stars::of(&settings).load();
+        say("catalogue", stars.as_ref().map(|stars| catalogue(stars)).map_err(Clone::clone).into())?;
+        if let Ok(stars) = stars {
+            for (name, verdict) in solve_frames(&settings, &stars) {
+                say(name, verdict)?;
+            }
+        }
+        say("camera", camera(&settings))?;
+        say("lens", lens(&settings))?;
+        say("bad pixels", Parts::of(&settings).map(|_| list(&settings)).map_err(|error| error.to_string()).into())?;
+        say("network", network(&settings).into())?;
+        say("disk", disk(&settings))?;
+        say("clock", clock())?;
+        let simulated =
+            [("camera", settings.camera.kind == CameraKind::Sky), ("lens", settings.lens.kind == LensKind::Simulated)];
+        let simulated: Vec<&str> = simulated.into_iter().filter(|(_, is)| *is).map(|(name, _)| name).collect();
+        if !simulated.is_empty() {
+            say("simulated", Verdict::Note(format!("{}: not for a flight", simulated.join(" and "))))?;
+        }
+        if bad > 0 {
+            print(&format!("not ready: {bad} {} bad", if bad == 1 { "check is" } else { "checks are" }))?;
+            return Ok(ExitCode::from(NEGATIVE));
+        }
+        print("ready")?;
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+fn catalogue(catalogue: &Catalogue) -> String {
+    let header = &catalogue.header;
+    format!("{} stars, epoch {}, checksum {:08x}", header.count, header.epoch_yr, header.checksum)
+}
+
+/// Frames of each kind as this camera would see them, solved as in flight, except that where they point was nobody's choice:
+/// the requirements on where the camera looks are left out.
+fn solve_frames(settings: &Settings, stars: &Arc<Catalogue>) -> Vec<(&'static str, Verdict)> {
+    let mut settings = settings.clone();
+    let requirements = &mut settings.solver.requirements;
+    requirements.horizontal_location.enabled = false;
+    requirements.horizontal_roll.enabled = false;
+    requirements.elevation.enabled = false;
+    requirements.equatorial_location.enabled = false;
+    requirements.equatorial_roll.enabled = false;
+    let settings = Arc::new(settings);
+    let mut solver = Solver::new(Arc::clone(stars), Arc::clone(&settings));
+    let clock = Clock::start();
+    solver.prepare(settings.camera.width_px as usize, settings.camera.height_px as usize);
+    let mut verdicts = vec![("index", Verdict::Good(format!("built in {:.2} s", clock.uptime().as_secs_f64())))];
+    for kind in FRAMES {
+        let verdict = match frame(&settings, stars, kind) {
+            Err(why) => Verdict::Bad(why),
+            Ok(rendered) => {
+                let clock = Clock::start();
+                let outcome = solver.solve(&rendered.frame, &Prior::default(), &Unwatched);
+                judge(&outcome, &rendered, clock.uptime())
+            }
+        };
+        verdicts.push((kind.name(), verdict));
+    }
+    verdicts
+}
+
+/// A frame of this camera that must be solved.
+fn frame(settings: &Settings, stars: &Catalogue, kind: Kind) -> Result<Rendered, String> {
+    let matching = &settings.solver.matching;
+    for index in 0..ATTEMPTS {
+        let spec = RenderSpec {
+            width: settings.camera.width_px as usize,
+            height: settings.camera.height_px as usize,
+            platescale: (matching.platescale_min_arcsec_px * ARCSEC, matching.platescale_max_arcsec_px * ARCSEC),
+            epoch_yr: settings.catalog.epoch_yr,
+            mirrored: settings.camera.mirrored,
+            ..RenderSpec::new(kind, SEED, index)
+        };
+        let rendered = render(&spec, stars).map_err(|error| error.to_string())?;
+        if rendered.truth.must {
+            return Ok(rendered);
+        }
+    }
+    Err(format!("none of {ATTEMPTS} simulated frames of this camera shows stars enough: is its field too small?"))
+}
+
+fn judge(outcome: &Outcome, rendered: &Rendered, took: Duration) -> Verdict {
+    let (Some(solution), Some(truth)) = (&outcome.solution, &rendered.truth.attitude) else {
+        return Verdict::Bad(format!("simulated frame not solved: {} ({})", outcome.reason, outcome.detail));
+    };
+    let Some(judged) = Judged::new(&PointingReport::new(solution), truth).filter(|_| outcome.reason == Reason::Solved) else {
+        return Verdict::Bad(format!("simulated frame without a pointing: {}", outcome.reason));
+    };
+    let text = format!(
+        "{:.2}″ from the truth (σ {:.2}″), {} matched, {:.0} ms",
+        judged.error,
+        judged.sigma,
+        solution.matches.len(),
+        took.as_secs_f64() * 1e3
+    );
+    if judged.is_wrong() { Verdict::Bad(format!("WRONG: {text}")) } else { Verdict::Good(text) }
+}
+
+/// Whether the camera gives a frame of the size that the settings say.
+fn camera(settings: &Settings) -> Verdict {
+    let moment = Moment { image: ImageCounter(0), uptime: Duration::ZERO, utc: None, quality: ClockQuality::Unset };
+    match settings.camera.kind {
+        CameraKind::None => Verdict::Bad("camera.kind = \"none\": no image will ever be taken".to_owned()),
+        CameraKind::Sky => Verdict::Good("a simulated sky".to_owned()),
+        CameraKind::Directory => match Directory::new(&settings.camera).next(&moment) {
+            Err(error) => Verdict::Bad(format!("camera.directory = \"{}\": {error}", settings.camera.directory)),
+            Ok(frame) => {
+                let (width, height) = (settings.camera.width_px as usize, settings.camera.height_px as usize);
+                let text = format!("{}: {} × {} px", frame.stamp.origin, frame.width, frame.height);
+                if (frame.width, frame.height) == (width, height) {
+                    Verdict::Good(text)
+                } else {
+                    Verdict::Bad(format!("{text}, camera.width_px and camera.height_px say {width} × {height}"))
+                }
+            }
+        },
+    }
+}
+
+/// Whether the lens's port is there. Nothing is sent.
+fn lens(settings: &Settings) -> Verdict {
+    let port = &settings.lens.port;
+    match settings.lens.kind {
+        LensKind::None => Verdict::Note("no lens control".to_owned()),
+        LensKind::Simulated => Verdict::Good("a simulated controller".to_owned()),
+        LensKind::Serial => match std::fs::metadata(port) {
+            Err(error) => Verdict::Bad(format!("lens.port = \"{port}\": {error}")),
+            Ok(meta) if !meta.file_type().is_char_device() => Verdict::Bad(format!("lens.port = \"{port}\": not a serial port")),
+            Ok(_) => Verdict::Good(format!("{port} is there")),
+        },
+    }
+}
+
+fn list(settings: &Settings) -> String {
+    let name = &settings.solver.sources.bad_pixels_file;
+    if name.is_empty() { "none listed".to_owned() } else { format!("{name} is read") }
+}
+
+/// Whether the address can be listened on.
+fn network(settings: &Settings) -> Result<String, String> {
+    let address = &settings.network.listen;
+    let bound = TcpListener::bind(address).map_err(|error| format!("network.listen = \"{address}\": {error}"))?;
+    let found = bound.local_addr().map_err(|error| error.to_string())?;
+    Ok(format!("{found} can be listened on"))
+}
+
+/// Whether the disk takes a file.
+fn disk(settings: &Settings) -> Verdict {
+    if !settings.record.enabled {
+        return Verdict::Note("record.enabled = false: outcomes are not kept".to_owned());
+    }
+    let name = &settings.record.directory;
+    let probe = Path::new(name).join(format!(".selftest-{}", std::process::id()));
+    let written = std::fs::create_dir_all(name).and_then(|()| {
+        let mut file = std::fs::File::create(&probe)?;
+        file.write_all(&[0x55; 4096])?;
+        file.sync_all()
+    });
+    let removed = written.and_then(|()| std::fs::remove_file(&probe));
+    removed.map(|()| format!("{name} takes files")).map_err(|error| format!("record.directory = \"{name}\": {error}")).into()
+}
+
+fn clock() -> Verdict {
+    match utc_now() {
+        (Some(utc), ClockQuality::Synchronised) => Verdict::Good(format!("{utc} UTC, synchronised")),
+        (Some(utc), _) => Verdict::Note(format!("{utc} UTC, free-running")),
+        (None, _) => Verdict::Note("not set: frames will have no time, and solutions no date".to_owned()),
+    }
+}
