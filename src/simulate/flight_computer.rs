@@ -1,12 +1,8 @@
 //! A simulated flight computer: what it says, from what it knows. The socket is the service room's.
 
-use crate::sky::{ClockQuality, Observer, Utc, wrap_two_pi};
+use crate::sky::{ClockQuality, Observer, Utc};
 use crate::wire::{Clock, EquatorialEstimate, Hello, HorizontalEstimate, ObserverPart, Role, Status, Update};
-use std::f64::consts::TAU;
 use std::time::Duration;
-
-/// Seconds in which the sky turns once: the mean sidereal day (Explanatory Supplement to the Astronomical Almanac, 2013).
-const SIDEREAL_DAY_S: f64 = 86_164.090_5;
 
 /// A flight computer. Time comes in as the time since its start.
 #[derive(Debug, Clone)]
@@ -67,7 +63,7 @@ impl FlightComputer {
             uptime_s: uptime.as_secs_f64(),
             claims_charge: self.claims_charge,
             clock: Clock::new(clock.0, clock.1),
-            observer: self.observer_after(uptime).map(ObserverPart::from).into(),
+            observer: self.observer.map(|start| ObserverPart::from(start.after(uptime.as_secs_f64()))).into(),
             horizontal_estimate: self.horizontal.into(),
             equatorial_estimate: self.equatorial.into(),
             trigger_counter: self.trigger.into(),
@@ -81,11 +77,6 @@ impl FlightComputer {
     pub fn on_update(&mut self, update: &Update) {
         self.link.updates = self.link.updates.wrapping_add(1);
         self.link.last_sequence = Some(update.link.sequence.get());
-    }
-
-    fn observer_after(&self, uptime: Duration) -> Option<Observer> {
-        let turned = TAU * uptime.as_secs_f64() / SIDEREAL_DAY_S;
-        self.observer.map(|start| Observer { sidereal_time: wrap_two_pi(start.sidereal_time + turned), ..start })
     }
 }
 
