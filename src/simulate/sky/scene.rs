@@ -208,19 +208,24 @@ fn centred(turns: Vec<Vec3>) -> Vec<(Vec3, f64)> {
     turns.into_iter().map(|turn| (turn - mean, weight)).collect()
 }
 
-fn draw_backdrop(spec: &RenderSpec, dice: &mut Dice, sensor: &Sensor) -> Backdrop {
-    let dark = match spec.kind {
+/// Range of the sky over bias, in the mean of the exposures, ADU.
+fn sky_range_adu(kind: Kind, dice: &mut Dice) -> (f64, f64) {
+    let dark = match kind {
         Kind::Night => true,
         Kind::Defocus30 => dice.chance(0.5),
         Kind::NoStars => dice.chance(0.3),
         Kind::Saturated => dice.chance(0.1),
         _ => false,
     };
-    let (low, high) = match spec.kind {
+    match kind {
         _ if dark => DARK_SKY_ADU,
         Kind::Defocus30 => MEDIUM_SKY_ADU,
         _ => FLOAT_SKY_ADU,
-    };
+    }
+}
+
+fn draw_backdrop(spec: &RenderSpec, dice: &mut Dice, sensor: &Sensor) -> Backdrop {
+    let (low, high) = sky_range_adu(spec.kind, dice);
     let sky_adu = dice.uniform(low, high) * sensor.sum_over_mean;
     let (width, height) = (spec.width as f64, spec.height as f64);
     let wild = matches!(spec.kind, Kind::Gradient | Kind::NoStars);
