@@ -254,6 +254,8 @@ struct StarModel {
     centre: (f32, f32),
 }
 
+/// A shape whose axes correlate by less than this is taken as upright: its centre is found as well, to a part in a thousand.
+const UPRIGHT: f32 = 0.05;
 /// The ten different products of the slopes of (height, base, x, y), then the four products with the residual.
 const TERMS: usize = 14;
 
@@ -261,11 +263,19 @@ impl StarModel {
     /// Sums of the normal equations over the samples within `reach` of the middle, weighted by the noise of sky and star.
     fn normal_equations(&self, patch: &Patch, reach: usize, sigma: f32, gain: f32) -> [f32; TERMS] {
         let mut sums = [0f32; TERMS];
+        // The Gaussian along each axis once; what turns it is left for each sample, and is little.
+        let offset = |i: usize, centre: f32| i as f32 - HALF as f32 - centre;
+        let (mut along, mut across) = ([0f32; SIDE], [0f32; SIDE]);
+        for i in HALF - reach..=HALF + reach {
+            along[i] = exp_of_negative(-0.5 * self.inverse.0 * offset(i, self.centre.0).powi(2));
+            across[i] = exp_of_negative(-0.5 * self.inverse.1 * offset(i, self.centre.1).powi(2));
+        }
+        let upright = self.inverse.2.abs() < UPRIGHT * (self.inverse.0 * self.inverse.1).sqrt();
         for j in HALF - reach..=HALF + reach {
-            let dy = j as f32 - HALF as f32 - self.centre.1;
+            let dy = offset(j, self.centre.1);
             for i in HALF - reach..=HALF + reach {
-                let dx = i as f32 - HALF as f32 - self.centre.0;
-                let p = Shape::value(self.inverse, dx, dy);
+                let dx = offset(i, self.centre.0);
+                let p = if upright { along[i] * across[j] } else { Shape::value(self.inverse, dx, dy) };
                 let model = self.height * p;
                 let w = 1.0 / (sigma * sigma + gain * model.max(0.0));
                 let sx = model * (self.inverse.0 * dx + self.inverse.2 * dy);
@@ -332,7 +342,8 @@ pub struct Centroid {
 /// `gain`: ADU/e⁻ of a sample, for the star's own photons. `None` where the fit leaves the peak.
 pub fn centroid(patch: &Patch, standing: &Standing, shape: &Shape, sigma: f32, gain: f32) -> Option<Centroid> {
     const STEPS: usize = 6;
-    const SETTLED: f32 = 1e-3;
+    /// A step this small against the centre's σ ends the fit.
+    const SETTLED: f32 = 0.02;
     let reach = ((3.0 * shape.axes().0).ceil() as usize + 1).clamp(3, HALF);
     let inverse = shape.inverse();
     let peak_of_flux = {
@@ -358,7 +369,7 @@ pub fn centroid(patch: &Patch, standing: &Standing, shape: &Shape, sigma: f32, g
         if !(height > 0.0 && cx.abs() < 3.0 && cy.abs() < 3.0) {
             return None;
         }
-        if step_x.abs() < SETTLED && step_y.abs() < SETTLED {
+        if step_x.abs() < SETTLED * sigma_xy && step_y.abs() < SETTLED * sigma_xy {
             break;
         }
     }

@@ -47,6 +47,7 @@ pub struct PeakRules<'a> {
 /// The memory of a search.
 #[derive(Debug, Clone, Default)]
 pub struct PeakFinder {
+    rows_sum: Vec<f32>,
     coarse: Vec<f32>,
     along: Vec<f32>,
     across: Vec<f32>,
@@ -54,7 +55,6 @@ pub struct PeakFinder {
     level_row: Vec<f32>,
     smooth: [Vec<f32>; 3],
     excess: [Vec<f32>; 3],
-    widest: [Vec<f32>; 3],
     cells: Vec<Vec<Peak>>,
 }
 
@@ -88,7 +88,7 @@ impl PeakFinder {
         let columns = width.div_ceil(rules.cell);
         self.cells.resize_with(columns * height.div_ceil(rules.cell), Vec::new);
         self.cells.iter_mut().for_each(Vec::clear);
-        for ring in [&mut self.smooth, &mut self.excess, &mut self.widest] {
+        for ring in [&mut self.smooth, &mut self.excess] {
             ring.iter_mut().for_each(|row| row.resize(width, 0.0));
         }
         self.level_row.resize(width, 0.0);
@@ -105,7 +105,6 @@ impl PeakFinder {
             }
             let (above, here, below) = (&self.smooth[(y - 1) % 3], &self.smooth[y % 3], &self.smooth[(y + 1) % 3]);
             excess_row(above, here, below, &self.level_row, &mut self.excess[y % 3]);
-            widen_row(&self.excess[y % 3], &mut self.widest[y % 3]);
             if y > rules.border && y >= 3 && y - 1 < height - rules.border {
                 self.scan_row(y - 1, width, columns, rules);
             }
@@ -121,16 +120,15 @@ impl PeakFinder {
     fn measure_level<T: Sample>(&mut self, plane: &Plane<T>) {
         let (w, h) = (plane.width / COARSE, plane.height / COARSE);
         self.coarse.clear();
+        self.rows_sum.resize(w * COARSE, 0.0);
         for y in 0..h {
-            let rows: [&[T]; COARSE] = std::array::from_fn(|i| plane.row(COARSE * y + i));
-            self.coarse.extend((0..w).map(|x| {
-                let mut sum = 0f32;
-                for row in rows {
-                    let q = &row[COARSE * x..COARSE * x + COARSE];
-                    sum += (q[0].value() + q[1].value()) + (q[2].value() + q[3].value());
-                }
-                sum * (1.0 / (COARSE * COARSE) as f32)
-            }));
+            let rows: [&[T]; COARSE] = std::array::from_fn(|i| &plane.row(COARSE * y + i)[..w * COARSE]);
+            let sums = &mut self.rows_sum[..w * COARSE];
+            for x in 0..w * COARSE {
+                sums[x] = (rows[0][x].value() + rows[1][x].value()) + (rows[2][x].value() + rows[3][x].value());
+            }
+            let means = sums.chunks_exact(COARSE).map(|q| ((q[0] + q[1]) + (q[2] + q[3])) * (1.0 / (COARSE * COARSE) as f32));
+            self.coarse.extend(means);
         }
         self.level.clear();
         self.level.resize(w * h, 0.0);
@@ -173,28 +171,21 @@ impl PeakFinder {
     #[inline(always)]
     fn scan_row(&mut self, y: usize, width: usize, columns: usize, rules: &PeakRules<'_>) {
         let here = &self.excess[y % 3][..width];
-        let widest = [&self.widest[(y + 2) % 3][..width], &self.widest[y % 3][..width], &self.widest[(y + 1) % 3][..width]];
         let block_rows = rules.thresholds.len() / rules.threshold_columns;
         let thresholds = &rules.thresholds[(y / CELL_PX).min(block_rows - 1) * rules.threshold_columns..];
+        let rows = [&self.excess[(y + 2) % 3][..width], here, &self.excess[(y + 1) % 3][..width]];
         for block in 0..width.div_ceil(CELL_PX) {
             let threshold = thresholds[block.min(rules.threshold_columns - 1)];
             let (first, last) = (block * CELL_PX, ((block + 1) * CELL_PX).min(width));
-            let d = &here[first..last];
-            let [w0, w1, w2] = widest.map(|w| &w[first..last]);
             // Almost every block ends here, without a branch inside it.
-            if let (Some(d), Some(w0), Some(w1), Some(w2)) =
-                (d.first_chunk(), w0.first_chunk(), w1.first_chunk(), w2.first_chunk())
-                && !has_peak(d, [w0, w1, w2], threshold)
-            {
+            if here[first..last].first_chunk().is_some_and(|block| !any_above(block, threshold)) {
                 continue;
             }
-            for x in 0..d.len() {
-                let is_peak = d[x] > threshold && d[x] >= w0[x] && d[x] >= w1[x] && d[x] >= w2[x];
-                let column = first + x;
-                let inside = column >= rules.border && column + rules.border < width;
-                if is_peak && inside && !(rules.masked)(column, y) {
-                    let cell = &mut self.cells[(y / rules.cell) * columns + column / rules.cell];
-                    insert(cell, Peak { x: column, y, height: d[x] }, rules.per_cell);
+            for x in first.max(rules.border)..last.min(width - rules.border) {
+                let is_peak = here[x] > threshold && rows.iter().all(|row| row[x - 1..=x + 1].iter().all(|&d| d <= here[x]));
+                if is_peak && !(rules.masked)(x, y) {
+                    let cell = &mut self.cells[(y / rules.cell) * columns + x / rules.cell];
+                    insert(cell, Peak { x, y, height: here[x] }, rules.per_cell);
                 }
             }
         }
@@ -301,34 +292,14 @@ fn excess_row(above: &[f32], here: &[f32], below: &[f32], level: &[f32], out: &m
     }
 }
 
-/// The greatest of each sample and its two neighbours.
+/// Whether any sample of a block is above the threshold.
 #[inline(always)]
-fn widen_row(row: &[f32], out: &mut [f32]) {
-    let n = row.len() - 2;
-    out[0] = row[0].max(row[1]);
-    out[n + 1] = row[n].max(row[n + 1]);
-    let (left, middle, right) = (&row[..n], &row[1..n + 1], &row[2..n + 2]);
-    let out = &mut out[1..n + 1];
-    for x in 0..n {
-        out[x] = greater(greater(left[x], middle[x]), right[x]);
+fn any_above(block: &[f32; CELL_PX], threshold: f32) -> bool {
+    let mut above = 0u32;
+    for &d in block {
+        above += u32::from(d > threshold);
     }
-}
-
-/// Whether a block of a row has a sample above the threshold that is the greatest of those around it.
-#[inline(always)]
-fn has_peak(d: &[f32; CELL_PX], widest: [&[f32; CELL_PX]; 3], threshold: f32) -> bool {
-    let mut peaks = 0u32;
-    for x in 0..CELL_PX {
-        let greatest = greater(greater(widest[0][x], widest[1][x]), widest[2][x]);
-        peaks += u32::from(d[x] > threshold) & u32::from(d[x] >= greatest);
-    }
-    peaks != 0
-}
-
-/// The greater of two numbers; unlike `f32::max` one instruction, because it need not care for NaN.
-#[inline(always)]
-fn greater(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
+    above != 0
 }
 
 #[cfg(test)]
