@@ -1,5 +1,6 @@
 //! Measuring a peak: how far it stands above its surroundings, whether it has the shape of a star, and where its centre is.
 
+#![allow(clippy::needless_range_loop, reason = "the loop runs over places that several lists share")]
 #![allow(clippy::indexing_slicing, reason = "a numeric kernel: a patch has a fixed size and its place is checked when it is cut")]
 
 use super::plane::{Plane, Sample};
