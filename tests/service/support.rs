@@ -105,7 +105,7 @@ pub struct Peer<S> {
 pub enum Seen {
     Update(Box<Update>),
     Refuse(Box<Refuse>),
-    Hello(Box<Hello>),
+    Hello(#[allow(dead_code, reason = "shown where a test fails")] Box<Hello>),
     /// The camera closed the connection, by an end or a reset.
     End,
 }
