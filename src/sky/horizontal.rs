@@ -111,7 +111,7 @@ mod tests {
     fn a_sidereal_day_later_the_sky_is_back() {
         let observer = Observer { latitude: -1.3, sidereal_time: 6.1 };
         assert!((observer.after(86_164.090_5).sidereal_time - 6.1).abs() < 1e-12);
-        assert!((observer.after(3600.0).sidereal_time - wrap_two_pi(6.1 + 15.041_067 * DEG)).abs() < 1e-8);
+        assert!((observer.after(3600.0).sidereal_time - wrap_two_pi(6.1 + 15.041_068_64 * DEG)).abs() < 1e-8);
     }
 
     #[test]

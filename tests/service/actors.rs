@@ -56,7 +56,7 @@ async fn both_computers_get_every_update_while_the_solver_is_busy() {
 #[tokio::test]
 async fn every_frame_ends_in_one_outcome_and_the_newest_waits() {
     let directory = tempfile::tempdir().unwrap();
-    let (release, held) = mpsc::sync_channel::<()>(1);
+    let (release, held) = mpsc::sync_channel::<()>(3);
     let held = Mutex::new(held);
     let slow = solver(move |frame, _, _| {
         let _ = held.lock().unwrap().recv();
