@@ -162,6 +162,25 @@ fn every_room_is_declared_in_the_library() {
     }
 }
 
+#[test]
+fn every_dependency_is_used_and_the_readme_says_what_for() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let manifest = fs::read_to_string(root.join("Cargo.toml")).unwrap();
+    let readme = fs::read_to_string(root.join("README.md")).unwrap();
+    let code: String = sources().into_iter().map(|(_, text)| text).collect();
+    let sections = manifest.split("\n[").filter_map(|section| section.split_once("]\n"));
+    let mut seen = 0;
+    for (section, lines) in sections.filter(|(name, _)| ["dependencies", "dev-dependencies"].contains(name)) {
+        for name in lines.lines().filter_map(|line| line.split_once(" = ")).map(|(name, _)| name) {
+            assert!(readme.contains(&format!("`{name}`")), "README.md does not say what `{name}` is for");
+            let used = code.contains(&format!("{}::", name.replace('-', "_")));
+            assert!(used || section == "dev-dependencies", "nothing in src uses `{name}`");
+            seen += 1;
+        }
+    }
+    assert!(seen > 10, "only {seen} dependencies found");
+}
+
 /// What planting `code` in `file` is found to break.
 fn planted(file: &str, code: &str) -> Vec<String> {
     let doc = "//! A file that is here only to break a rule, and this is enough of a paragraph.\n";
