@@ -35,7 +35,7 @@ pub struct FieldStar {
     pub direction: Vec3,
     /// Magnitude, of the whole blend.
     pub mag: f32,
-    /// Brighter stars near it, within [`FieldStars::rank_radius`]; capped.
+    /// Brighter stars near it, within the radius that the thinning takes; capped.
     pub rank: u8,
     /// Index of the (brightest) star in the catalogue.
     pub star: u32,

@@ -2,8 +2,8 @@
 //!
 //! Uses `sky` (times, observer) and `settings`. No disk: readers take bytes, writers take `Write`.
 //!
-//! * [`read`] a file of any kind into a [`Frame`]; [`write_fits`] and [`write_png`] write one;
-//! * [`series_stem`] and [`time_in_name`] say what a file's name tells; [`coadd`] adds up a series;
+//! * [`read()`] a file of any kind into a [`Frame`]; [`write_fits`] and [`write_png`] write one;
+//! * [`series_stem`] and [`time_in_name`] say what a file's name tells; [`coadd()`] adds up a series;
 //! * [`BadPixels`] and [`Mask`] take away what cannot be believed;
 //! * [`CellStatistics`] say how bright, noisy and saturated an image is;
 //! * [`auto_level`] and [`to_grey8`] make an image visible.
