@@ -38,6 +38,9 @@ pub struct Args {
     /// End by itself after this time, such as 30s
     #[arg(long, value_name = "TIME", value_parser = parse_span)]
     duration: Option<Duration>,
+    /// End after so many images
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    images: Option<u32>,
     #[command(flatten)]
     config: ConfigArgs,
 }
@@ -54,7 +57,7 @@ impl Args {
         let settings = Arc::new(demonstration(self.config.load()?));
         start_logging("warn");
         let runtime = runtime()?;
-        let ended = runtime.block_on(demonstrate(settings, self.duration));
+        let ended = runtime.block_on(demonstrate(settings, self.duration, self.images));
         runtime.shutdown_timeout(Duration::from_millis(100));
         ended
     }
@@ -78,7 +81,7 @@ fn demonstration(loaded: Loaded) -> Settings {
     settings
 }
 
-async fn demonstrate(settings: Arc<Settings>, duration: Option<Duration>) -> anyhow::Result<ExitCode> {
+async fn demonstrate(settings: Arc<Settings>, duration: Option<Duration>, images: Option<u32>) -> anyhow::Result<ExitCode> {
     let stop = stop_signal()?;
     let truths = Truths::default();
     let stars = Stars::of(&settings);
@@ -91,7 +94,7 @@ async fn demonstrate(settings: Arc<Settings>, duration: Option<Duration>) -> any
     let mut board = Board::new(truths, settings.camera.period_s > settings.network.update_period_s);
     let why = tokio::select! {
         why = until(stop, duration) => why,
-        shown = show(&mut board, one, two) => { shown?; "the flight computers are gone" }
+        shown = show(&mut board, images, one, two) => shown?,
     };
     print(&format!("{why}: {}", board.summary()))?;
     let ended = end(running).await;
@@ -108,13 +111,18 @@ fn board_computer(id: u8, running: &Running, gondola: &Gondola) -> mpsc::Receive
     sightings
 }
 
-/// Shows what the flight computers get, for as long as they are there.
-async fn show(board: &mut Board, mut one: mpsc::Receiver<Sighting>, mut two: mpsc::Receiver<Sighting>) -> anyhow::Result<()> {
-    loop {
+/// Shows what the flight computers get until enough images came, for as long as they are there; says why it ended.
+async fn show(
+    board: &mut Board,
+    images: Option<u32>,
+    mut one: mpsc::Receiver<Sighting>,
+    mut two: mpsc::Receiver<Sighting>,
+) -> anyhow::Result<&'static str> {
+    while images.is_none_or(|images| board.shown < images) {
         let (place, id, sighting) = tokio::select! {
             Some(sighting) = one.recv() => (0, COMPUTERS[0], sighting),
             Some(sighting) = two.recv() => (1, COMPUTERS[1], sighting),
-            else => return Ok(()),
+            else => return Ok("the flight computers are gone"),
         };
         let lines = match sighting.seen {
             Seen::Update(update) => update.image.get().map_or_else(Vec::new, |image| board.take(place, image)),
@@ -124,6 +132,7 @@ async fn show(board: &mut Board, mut one: mpsc::Receiver<Sighting>, mut two: mps
         };
         lines.iter().try_for_each(|line| print(line))?;
     }
+    Ok("enough images")
 }
 
 /// The simulated sky as the camera, its truths noted.
@@ -162,6 +171,8 @@ struct Board {
     open: BTreeMap<u32, (String, [bool; COMPUTERS.len()])>,
     /// The last image that each computer got.
     last: [Option<u32>; COMPUTERS.len()],
+    /// Images closed: shown, with who got them.
+    shown: u32,
     solved: u32,
     unsolved: u32,
     missed: u32,
@@ -202,6 +213,7 @@ impl Board {
             let (line, got) = entry.remove();
             let missing = COMPUTERS.iter().zip(got).filter(|(_, got)| !got).map(|(id, _)| format!("; MISSED by {id}"));
             let missing: String = missing.collect();
+            self.shown += 1;
             self.missed += u32::from(!missing.is_empty());
             lines.push(line + &missing);
         }

@@ -61,14 +61,12 @@ impl CameraActor {
                 () = self.stop.cancelled() => return Ok(()),
                 _ = schedule.tick() => {}
             }
-            match self.stop.run_until_cancelled(self.take_one(source.take())).await {
-                None => return Ok(()),
-                Some(kept) => source = kept?,
-            }
+            source = self.take_one(source.take()).await?;
         }
     }
 
-    /// Takes one frame on its way; gives the source back.
+    /// Takes one frame on its way; gives the source back. When it is to end, a source that is slow is left behind; a frame that
+    /// has its number is not.
     async fn take_one(&self, source: Option<Box<dyn Source>>) -> Result<Option<Box<dyn Source>>, Ended> {
         let at = Instant::now();
         let image = ImageCounter(self.numbers.load(Ordering::Relaxed));
@@ -76,7 +74,8 @@ impl CameraActor {
         let state = Arc::clone(&self.state.borrow());
         let make = Arc::clone(&self.make);
         let job = tokio::task::spawn_blocking(move || shoot(source, &make, image, uptime));
-        let Shot { source, frame } = job.await.map_err(|error| Ended(panic_message(error)))?;
+        let Some(shot) = self.stop.run_until_cancelled(job).await else { return Ok(None) };
+        let Shot { source, frame } = shot.map_err(|error| Ended(panic_message(error)))?;
         match frame {
             Ok(mut frame) => {
                 self.number(image, &state, &mut frame.stamp).await;

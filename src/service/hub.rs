@@ -238,3 +238,71 @@ fn log_outcome(finished: &Finished) {
         _ => tracing::info!(image, origin, %reason, detail = report.detail, %ms, "not solved"),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Stamp;
+    use crate::service::{Simulated, inbox};
+    use crate::solve::Outcome;
+    use std::time::Duration;
+
+    fn hub(inbox: Inbox<ToHub>) -> (Hub, watch::Receiver<Arc<State>>) {
+        let (publish, state) = watch::channel(Arc::new(State::new(Simulated { camera: false, lens: false })));
+        let stop = CancellationToken::new();
+        (Hub { inbox, state: Arc::new(publish), recorder: None, clock: Clock::start(), stop }, state)
+    }
+
+    fn finished(image: u32, reason: Reason) -> ToHub {
+        let stamp = Stamp { image: ImageCounter(image), ..Stamp::default() };
+        ToHub::Finished(Box::new(Finished::without_stars(Outcome::unsolved(stamp, reason, ""), Instant::now())))
+    }
+
+    #[tokio::test]
+    async fn a_hub_that_is_started_again_goes_on_from_what_was_published() {
+        let (sender, inbox) = inbox::channel(8);
+        let (hub, state) = hub(inbox);
+        sender.send(ToHub::Captured { next: ImageCounter(4) }).await.unwrap();
+        sender.send(finished(3, Reason::NoMatch)).await.unwrap();
+        let first = tokio::spawn(hub.clone().run());
+        state.clone().wait_for(|state| state.latest.is_some()).await.unwrap();
+        first.abort();
+        assert!(first.await.unwrap_err().is_cancelled());
+        sender.send(ToHub::Captured { next: ImageCounter(5) }).await.unwrap();
+        tokio::spawn(hub.run());
+        let now = Arc::clone(&*state.clone().wait_for(|state| state.counters.next_image.0 == 5).await.unwrap());
+        assert_eq!(now.counters.frames_taken, 2);
+        assert_eq!(now.latest.as_ref().unwrap().outcome.stamp.image, ImageCounter(3));
+    }
+
+    #[tokio::test]
+    async fn a_skipped_frame_is_counted_and_does_not_hide_the_last_outcome() {
+        let (sender, inbox) = inbox::channel(8);
+        let (hub, state) = hub(inbox);
+        tokio::spawn(hub.run());
+        sender.send(finished(3, Reason::NoMatch)).await.unwrap();
+        sender.send(finished(4, Reason::Skipped)).await.unwrap();
+        let now = Arc::clone(&*state.clone().wait_for(|state| state.counters.frames_skipped == 1).await.unwrap());
+        assert_eq!(now.latest.as_ref().unwrap().outcome.stamp.image, ImageCounter(3));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn the_end_of_an_old_connection_does_not_touch_the_new_one() {
+        let (sender, inbox) = inbox::channel(8);
+        let (hub, state) = hub(inbox);
+        tokio::spawn(hub.run());
+        let computer = FlightComputer(1);
+        let status = Status { claims_charge: true, ..Status::default() };
+        let said = |connection| ToHub::Status { computer, connection, status: Box::new(status), at: Instant::now() };
+        let old = [ToHub::Connected { computer, connection: 1 }, said(1), ToHub::Connected { computer, connection: 2 }];
+        let late = [said(2), said(1), ToHub::Closed { connection: 1, why: Closed::Replaced }];
+        for message in old.into_iter().chain(late).chain([ToHub::Connected { computer, connection: 1 }]) {
+            sender.send(message).await.unwrap();
+        }
+        tokio::time::sleep(Duration::from_millis(1)).await;
+        let now = Arc::clone(&*state.borrow());
+        assert_eq!(now.peers.len(), 1);
+        assert_eq!(now.peers[0].connection, 2);
+        assert_eq!(now.in_charge().map(|holder| holder.computer), Some(computer));
+    }
+}

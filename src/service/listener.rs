@@ -59,7 +59,7 @@ impl Listener {
                 }
                 Err(error) => {
                     tracing::warn!(%error, "no connection could be taken");
-                    tokio::time::sleep(pause).await;
+                    let _ = self.shared.stop.run_until_cancelled(tokio::time::sleep(pause)).await;
                     pause = (pause * 2).min(PAUSES.1);
                 }
             }

@@ -95,7 +95,10 @@ impl SolverActor {
                     job = None;
                     solver = self.settle(ended).await;
                 }
-                () = self.stop.cancelled(), if job.is_none() => return self.abort(waiting, &mut inbox).await,
+                // A frame that is being solved is waited for; a solver that is being made is not.
+                () = self.stop.cancelled(), if job.as_ref().is_none_or(|job| job.captured.is_none()) => {
+                    return self.abort(waiting, &mut inbox).await;
+                }
                 Some(captured) = inbox.recv() => {
                     if let Some(older) = waiting.replace(captured) {
                         self.give_up(older, Reason::Skipped, "a newer frame took its place").await;

@@ -195,3 +195,27 @@ impl State {
         Prior { observer, ..sent }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sky::DEG;
+    use std::time::Duration;
+
+    #[tokio::test(start_paused = true)]
+    async fn an_observer_is_carried_forward_until_it_is_too_old() {
+        let settings = Settings::flight().unwrap().observer;
+        let mut state = State::new(Simulated { camera: false, lens: false });
+        let sent = Observer { latitude: -1.3, sidereal_time: 10.0 * DEG };
+        let at = Instant::now();
+        state.observer = Some((sent, at));
+        assert_eq!(state.prior(at, &settings).observer, Some(sent));
+        let later = state.prior(at + Duration::from_secs(240), &settings).observer.unwrap();
+        assert!((later.sidereal_time / DEG - 10.0 - 1.002_738).abs() < 1e-5, "{}", later.sidereal_time / DEG);
+        let limit = Duration::from_secs_f64(settings.max_age_s);
+        assert!(state.prior(at + limit, &settings).observer.is_some());
+        assert!(state.prior(at + limit + Duration::from_secs(1), &settings).observer.is_none());
+        let unwanted = ObserverSettings { from_flight_computer: false, ..settings };
+        assert!(state.prior(at, &unwanted).observer.is_none());
+    }
+}

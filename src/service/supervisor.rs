@@ -85,3 +85,48 @@ pub fn panic_message(error: JoinError) -> String {
 pub fn panic_text(payload: &(dyn Any + Send)) -> &str {
     payload.downcast_ref::<&str>().copied().or_else(|| payload.downcast_ref::<String>().map(String::as_str)).unwrap_or("?")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::service::inbox;
+    use std::sync::{Arc, Mutex};
+
+    #[tokio::test(start_paused = true)]
+    async fn an_actor_that_keeps_breaking_is_started_again_with_growing_pauses_each_counted() {
+        let (sender, inbox) = inbox::channel(64);
+        let (stop, starts) = (CancellationToken::new(), Arc::new(Mutex::new(Vec::new())));
+        let settings = ServiceSettings { restart_delay_s: 1.0, restart_delay_max_s: 4.0 };
+        let (seen, began, ends) = (Arc::clone(&starts), Instant::now(), stop.clone());
+        let start = move || {
+            let mut starts = seen.lock().unwrap();
+            starts.push(began.elapsed().as_secs());
+            let (number, stop) = (starts.len(), ends.clone());
+            async move {
+                match number {
+                    1 => panic!("it breaks"),
+                    2 => Err(Ended("it gives up".to_owned())),
+                    3 | 4 => Ok(()),
+                    // It runs for longer than the longest pause before it breaks again: the first pause is due.
+                    5 => {
+                        tokio::time::sleep(Duration::from_secs(10)).await;
+                        panic!("it breaks late")
+                    }
+                    _ => {
+                        stop.cancelled().await;
+                        Ok(())
+                    }
+                }
+            }
+        };
+        let hub = hub::Handle::new(sender);
+        let supervised = tokio::spawn(supervise(Actor::Camera, hub, Backoff::new(&settings), stop.clone(), start));
+        tokio::time::sleep(Duration::from_secs(60)).await;
+        assert_eq!(*starts.lock().unwrap(), [0, 1, 3, 7, 11, 22]);
+        stop.cancel();
+        supervised.await.unwrap();
+        let mut inbox = inbox.open().await;
+        let told = std::iter::from_fn(|| inbox.try_recv().ok());
+        assert_eq!(told.filter(|message| matches!(message, ToHub::Restarted(Actor::Camera))).count(), 5);
+    }
+}

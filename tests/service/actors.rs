@@ -3,7 +3,7 @@
 use crate::support::*;
 use stars::camera::CameraError;
 use stars::image::ImageCounter;
-use stars::service::{Actor, CameraState, Closed, Parts, Readiness, Running, State};
+use stars::service::{Actor, CameraState, Closed, MakeSolver, MakeSource, Parts, Readiness, Running, State};
 use stars::settings::CameraKind;
 use stars::solve::{Outcome, Prior, Reason, Stop};
 use stars::wire::{HorizontalEstimate, ObserverPart, Status};
@@ -165,7 +165,7 @@ async fn an_actor_that_breaks_is_started_again_and_counted_and_nobody_else_notic
     let attempts = Arc::new(AtomicU32::new(0));
     let tried = Arc::clone(&attempts);
     let sound = plain_camera().unwrap();
-    let camera: stars::service::MakeSource = Arc::new(move || {
+    let camera: MakeSource = Arc::new(move || {
         assert!(tried.fetch_add(1, Ordering::Relaxed) >= 3, "no driver yet");
         sound()
     });
@@ -289,6 +289,25 @@ async fn the_service_stops_within_two_seconds_in_the_middle_of_everything() {
     assert_eq!(latest(&state).unwrap().reason, Reason::Aborted);
     assert_eq!(state.counters.closed.get(&Closed::Stopping), Some(&1));
     drop(near);
+}
+
+#[tokio::test]
+async fn it_stops_at_once_while_a_solver_is_being_made_and_the_frame_that_waits_has_its_outcome() {
+    let (release, held) = mpsc::channel::<()>();
+    let held = Mutex::new(held);
+    let ready = plain_solver();
+    let slow: MakeSolver = Arc::new(move || {
+        let _ = held.lock().unwrap().recv();
+        ready()
+    });
+    let frames = Arc::new(AtomicU32::new(1));
+    let running = start(settings(), Parts { camera: camera_of(&frames), solver: slow }).await;
+    let state = until(&running, |state| state.counters.frames_taken == 1).await;
+    assert_eq!(state.readiness, Readiness::Starting);
+    let state = running.state.clone();
+    assert_eq!(running.stop().await, Vec::<&str>::new());
+    assert_eq!(latest(&state.borrow()).unwrap().reason, Reason::Aborted);
+    drop(release);
 }
 
 #[tokio::test]

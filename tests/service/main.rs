@@ -10,5 +10,6 @@
 )]
 
 mod actors;
+mod program;
 mod sessions;
 mod support;

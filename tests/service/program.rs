@@ -1,0 +1,155 @@
+//! The program from the outside: the line from an image to both flight computers, exit codes, signals.
+
+use crate::support::*;
+use stars::catalog::Catalogue;
+use stars::image::write_fits;
+use stars::service::{Finished, Parts, Running};
+use stars::simulate::sky::{Kind, RenderSpec, render};
+use stars::sky::{Attitude, separation};
+use stars::solve::Reason;
+use stars::wire::Update;
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+fn stars() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_stars"));
+    command.env_remove("RUST_LOG");
+    command
+}
+
+fn run(arguments: &[&str]) -> Output {
+    stars().args(arguments).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+/// The service with a real solver on a directory of one torn image and one rendered one.
+async fn service_on_a_directory(directory: &std::path::Path) -> (Running, Attitude) {
+    let spec = RenderSpec::new(Kind::Float, 5, 0);
+    let rendered = render(&spec, &Catalogue::embedded().unwrap()).unwrap();
+    let mut bytes = Vec::new();
+    write_fits(&rendered.frame, &mut bytes).unwrap();
+    std::fs::write(directory.join("b.fits"), &bytes).unwrap();
+    std::fs::write(directory.join("a.fits"), &bytes[..bytes.len() / 2]).unwrap();
+    let mut settings = settings();
+    settings.camera.kind = stars::settings::CameraKind::Directory;
+    settings.camera.directory = directory.display().to_string();
+    settings.network.update_period_s = 0.1;
+    let parts = Parts::of(&Arc::new(settings.clone())).unwrap();
+    (start(settings, parts).await, rendered.truth.attitude.unwrap())
+}
+
+fn is_solved(update: &Update) -> bool {
+    update.image.get().and_then(|image| image.reason.get()) == Some(Reason::Solved)
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_torn_image_is_told_and_the_next_is_solved_and_served_to_both_computers() {
+    let directory = tempfile::tempdir().unwrap();
+    let (running, truth) = service_on_a_directory(directory.path()).await;
+    let computers = [1, 2].map(|id| {
+        let address = running.address;
+        tokio::spawn(async move { Peer::connect(address).await.greet(id).await.update_where(is_solved).await })
+    });
+    for computer in computers {
+        let update = computer.await.unwrap();
+        let pointing = *update.image.get().unwrap().equatorial.get().unwrap();
+        let (ra, dec) = (pointing.ra_deg.to_radians(), pointing.dec_deg.to_radians());
+        let off = separation(&Attitude::from_angles(ra, dec, 0.0).boresight(), &truth.boresight());
+        assert!(off.to_degrees() * 3600.0 < 5.0, "{off}");
+        assert!(update.link.simulated_lens && !update.link.simulated_camera);
+    }
+    let state = running.state.borrow().clone();
+    assert_eq!((state.counters.frames_unreadable, state.counters.frames_solved), (1, 1));
+    let Finished { report, .. } = &**state.latest.as_ref().unwrap();
+    assert!(report.simulated, "the lens is simulated, and the outcome does not say so");
+    assert!(running.stop().await.is_empty());
+}
+
+/// A running service and the address that it listens on, taken from its first log line.
+fn spawn_service(arguments: &[&str]) -> (Child, String, std::thread::JoinHandle<String>) {
+    let mut child = stars().arg("run").args(arguments).stderr(Stdio::piped()).spawn().unwrap();
+    let mut log = BufReader::new(child.stderr.take().unwrap());
+    let mut line = String::new();
+    log.read_line(&mut line).unwrap();
+    let address = line.split("address=").nth(1).expect(&line).split_whitespace().next().unwrap().to_owned();
+    // Somebody must read the rest, or the log would block the program.
+    let rest = std::thread::spawn(move || log.lines().map_while(Result::ok).fold(line, |text, line| text + &line + "\n"));
+    (child, address, rest)
+}
+
+#[tokio::test]
+async fn sigterm_ends_it_cleanly_with_a_last_word_to_its_peers() {
+    let arguments = ["--set", "network.listen=127.0.0.1:0", "--set", "record.enabled=false", "--set", "camera.kind=none"];
+    let (mut child, address, log) = spawn_service(&arguments);
+    let mut peer = Peer::connect(address.parse().unwrap()).await.greet(1).await;
+    peer.update().await;
+    let began = Instant::now();
+    assert!(Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
+    assert_eq!(peer.last_word().await.unwrap().refusal.get(), Some(stars::wire::Refusal::ShuttingDown));
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert!(began.elapsed() < Duration::from_secs(2), "{:?}", began.elapsed());
+    let log = log.join().unwrap();
+    assert!(log.lines().all(|line| line.contains("simulated") || line.contains("stop")), "{log}");
+}
+
+#[test]
+fn a_duration_ends_it_and_a_taken_address_is_a_wrong_call() {
+    let quiet = ["--set", "record.enabled=false", "--set", "camera.kind=none", "--duration", "100ms"];
+    let free = run(&[&["run", "--set", "network.listen=127.0.0.1:0"], &quiet[..]].concat());
+    assert_eq!(free.status.code(), Some(0), "{}", text(&free.stderr));
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let listen = format!("network.listen={}", taken.local_addr().unwrap());
+    let refused = run(&[&["run", "--set", &listen], &quiet[..]].concat());
+    assert_eq!(refused.status.code(), Some(2));
+    let complaint = text(&refused.stderr);
+    assert!(complaint.lines().count() == 1 && complaint.contains("network.listen"), "{complaint}");
+}
+
+#[test]
+fn a_list_of_bad_pixels_that_is_wrong_starts_nothing() {
+    let list = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(list.path(), "12 34\nfive six\n").unwrap();
+    let setting = format!("solver.sources.bad_pixels_file={}", list.path().display());
+    let refused = run(&["run", "--duration", "100ms", "--set", "network.listen=127.0.0.1:0", "--set", &setting]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(text(&refused.stderr).contains("line 2"), "{}", text(&refused.stderr));
+}
+
+#[test]
+fn the_demonstration_shows_solutions_beside_the_truth_and_ends_well() {
+    let shown = run(&["demo", "--images", "2", "--duration", "100s", "--set", "camera.period_s=1"]);
+    let lines = text(&shown.stdout);
+    assert_eq!(shown.status.code(), Some(0), "{lines}{}", text(&shown.stderr));
+    assert_eq!(lines.lines().filter(|line| line.contains("truth") && line.contains("covered")).count(), 2, "{lines}");
+    assert!(lines.contains("0 wrong"), "{lines}");
+}
+
+#[test]
+fn the_self_test_says_ready_or_why_not() {
+    let disk = tempfile::tempdir().unwrap();
+    let records = format!("record.directory={}", disk.path().join("records").display());
+    let ready = run(&["selftest", "--set", "network.listen=127.0.0.1:0", "--set", &records]);
+    let said = text(&ready.stdout);
+    assert_eq!(ready.status.code(), Some(0), "{said}");
+    assert!(said.ends_with("ready\n") && said.contains("simulated"), "{said}");
+    assert_eq!(std::fs::read_dir(disk.path().join("records")).unwrap().count(), 0, "it left something behind");
+
+    let file = disk.path().join("file");
+    std::fs::write(&file, "").unwrap();
+    let records = format!("record.directory={}/records", file.display());
+    let nowhere = ["camera.kind=directory", "camera.directory=/nowhere", "lens.kind=serial", "lens.port=/nowhere", &records];
+    let mut arguments = vec!["selftest", "--set", "network.listen=192.0.2.1:2017"];
+    arguments.extend(nowhere.iter().flat_map(|setting| ["--set", setting]));
+    let not_ready = run(&arguments);
+    let said = text(&not_ready.stdout);
+    assert_eq!(not_ready.status.code(), Some(1), "{said}");
+    for name in ["camera", "lens", "network", "disk"] {
+        assert!(said.lines().any(|line| line.starts_with("BAD") && line.contains(name)), "{name}: {said}");
+    }
+    assert!(said.ends_with("not ready: 4 checks are bad\n"), "{said}");
+}
