@@ -8,6 +8,7 @@
     clippy::indexing_slicing,
     reason = "a test may fail by panicking"
 )]
+#![allow(clippy::disallowed_methods, reason = "real sockets and processes are asked by the wall clock")]
 
 mod actors;
 mod program;
