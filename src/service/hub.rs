@@ -130,7 +130,15 @@ impl Hub {
                 counters.frames_taken = counters.frames_taken.saturating_add(1);
             }
             ToHub::Camera(camera) => state.camera = camera,
-            ToHub::Readiness(readiness) => state.readiness = readiness,
+            ToHub::Readiness(readiness) if readiness != state.readiness => {
+                let uptime_s = format_args!("{:.2}", self.clock.uptime().as_secs_f64());
+                match &readiness {
+                    Readiness::Broken(why) => tracing::error!(why, %uptime_s, "frames cannot be solved"),
+                    now => tracing::info!(%uptime_s, "solver: {now:?}"),
+                }
+                state.readiness = readiness;
+            }
+            ToHub::Readiness(_) => {}
             ToHub::Solving(image) => state.solving = image,
             ToHub::Finished(finished) => self.take_outcome(state, Arc::from(finished)),
             ToHub::Connected { computer, connection } => self.take_connection(state, computer, connection),

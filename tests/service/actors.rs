@@ -10,7 +10,8 @@ use stars::wire::{HorizontalEstimate, ObserverPart, Status};
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
-use std::time::{Duration, Instant};
+use std::time::Duration;
+use tokio::time::Instant;
 
 /// Waits until the state is as wanted.
 async fn until(running: &Running, wanted: impl FnMut(&Arc<State>) -> bool) -> Arc<State> {
@@ -292,7 +293,7 @@ async fn the_service_stops_within_two_seconds_in_the_middle_of_everything() {
 
 #[tokio::test]
 async fn it_stops_at_once_while_a_solver_is_being_made_and_the_frame_that_waits_has_its_outcome() {
-    let (release, held) = mpsc::channel::<()>();
+    let (release, held) = mpsc::sync_channel::<()>(8);
     let held = Mutex::new(held);
     let ready = plain_solver();
     let slow: MakeSolver = Arc::new(move || {

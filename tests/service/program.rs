@@ -11,7 +11,8 @@ use stars::wire::Update;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
+use tokio::time::Instant;
 
 fn stars() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_stars"));
