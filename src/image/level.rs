@@ -23,9 +23,12 @@ pub struct Level {
 ///
 /// Where the ends cross, the full scale. (Paper, § Statistics; margins and fallback of the program that flew.)
 pub fn auto_level(frame: &Frame) -> Level {
-    let mut counts = vec![0_u32; usize::from(u16::MAX) + 1];
+    let sampled = || frame.pixels.chunks(frame.width.max(1)).step_by(STEP);
+    // No longer than the values need: a whole scale takes longer to clear than to fill.
+    let highest = sampled().flatten().copied().max().unwrap_or(0);
+    let mut counts = vec![0_u32; usize::from(highest) + 1];
     let mut counted = 0;
-    for row in frame.pixels.chunks(frame.width.max(1)).step_by(STEP) {
+    for row in sampled() {
         for &adu in row.iter().step_by(STEP) {
             if let Some(count) = counts.get_mut(usize::from(adu)) {
                 *count += 1;

@@ -5,6 +5,7 @@
 //! the resolution and so a kernel twice as wide, for pictures out of focus. Uses `image` and `settings`.
 
 mod finder;
+mod lines;
 mod measure;
 mod peaks;
 mod plane;

@@ -1,21 +1,18 @@
 //! Peaks: where a smoothed picture stands above its surroundings (stars-paper, "Solving - Source Finding").
 //!
-//! Level: means of 4 × 4 samples; each such cell's level is the mean of the ring of 28 cells four away from it, so that a star
-//! does not raise its own level. Smooth: a Gaussian of σ 1 over three taps each way. A peak is a local maximum of the difference
-//! above the threshold. One pass over the picture, with a ring of three rows.
+//! Level: means of 4 × 4 samples; each such cell's level is the mean of a ring of cells around it, so that a star does not raise its
+//! own level. Smooth: three taps each way. A peak is a local maximum of the difference above the threshold.
 
 #![allow(clippy::indexing_slicing, reason = "a numeric kernel: rows are cut from the plane's own size")]
 
-use super::plane::{Plane, Sample};
+use super::plane::Plane;
 use crate::image::CELL_PX;
 use crate::sky::{Kernel, with_vectors};
 
-/// Samples along the side of a coarse cell, and the ring's distance in coarse cells.
+/// Samples along the side of a coarse cell.
 const COARSE: usize = 4;
-const RING: usize = 4;
-/// Weights of a Gaussian of σ 1 sample over three taps, normalised.
-const SIDE_TAP: f32 = 0.274_068_62;
-const MIDDLE_TAP: f32 = 0.451_862_77;
+/// Smallest picture that is searched, samples along a side.
+const LEAST_SIDE: usize = 3 * CELL_PX;
 
 /// A local maximum of the smoothed picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,8 +25,35 @@ pub struct Peak {
     pub height: f32,
 }
 
+/// Three taps along each axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Taps {
+    /// Weight of either neighbour; the middle has the rest of 1.
+    pub side: f32,
+}
+
+impl Taps {
+    /// A Gaussian of σ 1 sample.
+    pub const WIDE: Self = Self { side: 0.274_068_62 };
+    /// For a star of σ 1 px in a picture halved once: with the halving about as wide as the star (95 % of the matched filter's signal).
+    pub const SHARP: Self = Self { side: 0.2 };
+
+    fn middle(self) -> f32 {
+        1.0 - 2.0 * self.side
+    }
+
+    /// Noise of the smoothed picture over that of a sample.
+    pub fn noise(self) -> f32 {
+        self.middle() * self.middle() + 2.0 * self.side * self.side
+    }
+}
+
 /// How peaks are chosen.
 pub struct PeakRules<'a> {
+    /// The smoothing.
+    pub taps: Taps,
+    /// Distance of the ring around a coarse cell, in such cells: the nearer, the better the level follows a bent sky.
+    pub ring: usize,
     /// Samples closer to the border are left out.
     pub border: usize,
     /// Side of the cells that limit crowding, samples.
@@ -47,66 +71,72 @@ pub struct PeakRules<'a> {
 /// The memory of a search.
 #[derive(Debug, Clone, Default)]
 pub struct PeakFinder {
-    rows_sum: Vec<f32>,
-    coarse: Vec<f32>,
-    along: Vec<f32>,
-    across: Vec<f32>,
+    /// Means of 4 × 4 samples, with as many more cells on every side as the ring is wide.
+    coarse: Plane,
+    /// Sums down the sides of the rings of one row.
+    sides: Vec<f32>,
     level: Vec<f32>,
     level_row: Vec<f32>,
-    smooth: [Vec<f32>; 3],
+    across: Vec<f32>,
     excess: [Vec<f32>; 3],
     cells: Vec<Vec<Peak>>,
 }
 
 impl PeakFinder {
-    /// Finds the peaks of a plane, cell after cell, the highest of each first. `keep_on` is asked every few rows; where it says no, the
-    /// search ends with `false`.
-    pub fn find<T: Sample>(
+    /// Finds the peaks of a plane, cell after cell, the highest of each first. `keep_on` is asked every few rows; where it says no,
+    /// the search ends with `false`. `whole`: gets the smoothed picture above its level, for those who search it again.
+    pub fn find(
         &mut self,
-        plane: &Plane<T>,
+        plane: &Plane,
         rules: &PeakRules<'_>,
         keep_on: &dyn Fn() -> bool,
+        whole: Option<&mut Plane>,
         peaks: &mut Vec<Peak>,
     ) -> bool {
-        with_vectors(Search { finder: self, plane, rules, keep_on, peaks })
+        with_vectors(Search { finder: self, plane, rules, keep_on, whole, peaks })
     }
 
     #[inline(always)]
-    fn search<T: Sample>(
+    fn search(
         &mut self,
-        plane: &Plane<T>,
+        plane: &Plane,
         rules: &PeakRules<'_>,
         keep_on: &dyn Fn() -> bool,
+        mut whole: Option<&mut Plane>,
         peaks: &mut Vec<Peak>,
     ) -> bool {
         peaks.clear();
         let (width, height) = (plane.width, plane.height);
-        if width < 3 * CELL_PX || height < 3 * CELL_PX || rules.cell == 0 {
+        if let Some(whole) = whole.as_deref_mut() {
+            (whole.width, whole.height) = (width, height);
+            whole.pixels.clear();
+            whole.pixels.resize(width * height, 0.0);
+        }
+        if width < LEAST_SIDE || height < LEAST_SIDE || rules.cell == 0 {
             return true;
         }
-        self.measure_level(plane);
+        self.measure_coarse(plane, rules.ring);
         let columns = width.div_ceil(rules.cell);
         self.cells.resize_with(columns * height.div_ceil(rules.cell), Vec::new);
         self.cells.iter_mut().for_each(Vec::clear);
-        for ring in [&mut self.smooth, &mut self.excess] {
-            ring.iter_mut().for_each(|row| row.resize(width, 0.0));
+        for row in self.excess.iter_mut().chain([&mut self.level_row, &mut self.across]) {
+            row.resize(width, 0.0);
         }
-        self.level_row.resize(width, 0.0);
-        smooth_row(plane.row(0), &mut self.smooth[0]);
-        smooth_row(plane.row(1), &mut self.smooth[1]);
-        // Row y of the excess needs the smoothed rows y − 1 to y + 1; a peak in row y needs the excess of the same three.
         for y in 1..height - 1 {
             if y % 64 == 0 && !keep_on() {
                 return false;
             }
-            smooth_row(plane.row(y + 1), &mut self.smooth[(y + 1) % 3]);
             if y % COARSE == 0 || y == 1 {
-                self.expand_level(y / COARSE, width);
+                self.measure_level(y / COARSE, rules.ring);
             }
-            let (above, here, below) = (&self.smooth[(y - 1) % 3], &self.smooth[y % 3], &self.smooth[(y + 1) % 3]);
-            excess_row(above, here, below, &self.level_row, &mut self.excess[y % 3]);
+            self.excess_row(plane, y, rules.taps);
+            if let Some(whole) = whole.as_deref_mut() {
+                whole.pixels[y * width..][..width].copy_from_slice(&self.excess[y % 3]);
+            }
+            // A peak in a row needs the excess of the rows above and below it.
             if y > rules.border && y >= 3 && y - 1 < height - rules.border {
-                self.scan_row(y - 1, width, columns, rules);
+                let rows = [&self.excess[(y + 1) % 3][..], &self.excess[(y + 2) % 3], &self.excess[y % 3]];
+                scan_row(rows, y - 1, columns, rules, &mut self.cells);
             }
         }
         for cell in &self.cells {
@@ -115,98 +145,153 @@ impl PeakFinder {
         true
     }
 
-    /// Means of coarse cells, and the mean of the ring around each.
+    /// Means of coarse cells. Beyond the border they go on as they came, on a straight line, so that a slope stays one.
     #[inline(always)]
-    fn measure_level<T: Sample>(&mut self, plane: &Plane<T>) {
+    fn measure_coarse(&mut self, plane: &Plane, ring: usize) {
         let (w, h) = (plane.width / COARSE, plane.height / COARSE);
-        self.coarse.clear();
-        self.rows_sum.resize(w * COARSE, 0.0);
+        let coarse = &mut self.coarse;
+        (coarse.width, coarse.height) = (w + 2 * ring, h + 2 * ring);
+        coarse.pixels.resize(coarse.width * coarse.height, 0.0);
+        self.across.resize(COARSE * w, 0.0);
         for y in 0..h {
-            let rows: [&[T]; COARSE] = std::array::from_fn(|i| &plane.row(COARSE * y + i)[..w * COARSE]);
-            let sums = &mut self.rows_sum[..w * COARSE];
-            for x in 0..w * COARSE {
-                sums[x] = (rows[0][x].value() + rows[1][x].value()) + (rows[2][x].value() + rows[3][x].value());
+            let rows: [&[f32]; COARSE] = [0, 1, 2, 3].map(|i| &plane.row(COARSE * y + i)[..COARSE * w]);
+            add_four(rows, &mut self.across[..COARSE * w]);
+            let row = &mut coarse.pixels[(y + ring) * coarse.width..][..coarse.width];
+            for (out, q) in row[ring..].iter_mut().zip(self.across.chunks_exact(COARSE)) {
+                *out = ((q[0] + q[1]) + (q[2] + q[3])) * (1.0 / (COARSE * COARSE) as f32);
             }
-            let means = sums.chunks_exact(COARSE).map(|q| ((q[0] + q[1]) + (q[2] + q[3])) * (1.0 / (COARSE * COARSE) as f32));
-            self.coarse.extend(means);
+            for i in 1..=ring {
+                row[ring - i] = 2.0 * row[ring] - row[ring + i];
+                row[ring + w - 1 + i] = 2.0 * row[ring + w - 1] - row[ring + w - 1 - i];
+            }
+        }
+        let stride = coarse.width;
+        for i in 1..=ring {
+            for x in 0..stride {
+                let at = |y: usize| y * stride + x;
+                coarse.pixels[at(ring - i)] = 2.0 * coarse.pixels[at(ring)] - coarse.pixels[at(ring + i)];
+                let last = ring + h - 1;
+                coarse.pixels[at(last + i)] = 2.0 * coarse.pixels[at(last)] - coarse.pixels[at(last - i)];
+            }
+        }
+    }
+
+    /// The level of a row of coarse cells: the mean of the ring around each, a square without its corners. And sample by sample.
+    #[inline(always)]
+    fn measure_level(&mut self, y: usize, ring: usize) {
+        let run = 2 * ring - 1;
+        let w = self.coarse.width - 2 * ring;
+        // What is left below the last whole cell has that one's level.
+        let y = y.min(self.coarse.height - 2 * ring - 1) + ring;
+        self.sides.clear();
+        self.sides.resize(self.coarse.width, 0.0);
+        for row in y + 1 - ring..y + ring {
+            add_to(&mut self.sides, self.coarse.row(row));
         }
         self.level.clear();
-        self.level.resize(w * h, 0.0);
-        sum_runs(&self.coarse, w, h, &mut self.along, &mut self.across);
-        for y in 0..h {
-            for x in 0..w {
-                if y < RING || y + RING >= h || x < RING || x + RING >= w {
-                    self.level[y * w + x] = ring_at_border(&self.coarse, w, h, x, y);
-                }
+        self.level.extend_from_slice(&self.sides[..w]);
+        add_to(&mut self.level, &self.sides[2 * ring..]);
+        for row in [y - ring, y + ring] {
+            for shift in 0..run {
+                add_to(&mut self.level, &self.coarse.row(row)[1 + shift..]);
             }
         }
-        if w <= 2 * RING || h <= 2 * RING {
-            return;
+        let last = self.level.last().copied().unwrap_or(0.0);
+        let share = 1.0 / (4 * run) as f32;
+        let mut samples = self.level_row.chunks_exact_mut(COARSE);
+        for (chunk, &level) in samples.by_ref().zip(&self.level) {
+            chunk.fill(level * share);
         }
-        let inner = w - 2 * RING;
-        for y in RING..h - RING {
-            let above = &self.along[(y - RING) * w + RING..][..inner];
-            let below = &self.along[(y + RING) * w + RING..][..inner];
-            let left = &self.across[y * w..][..inner];
-            let right = &self.across[y * w + 2 * RING..][..inner];
-            let out = &mut self.level[y * w + RING..][..inner];
-            for x in 0..inner {
-                out[x] = ((above[x] + below[x]) + (left[x] + right[x])) * (1.0 / 28.0);
-            }
-        }
+        samples.into_remainder().fill(last * share);
     }
 
-    /// The level of a row of coarse cells, sample by sample.
+    /// Smooths a row both ways and takes the level off; its two ends are nought.
     #[inline(always)]
-    fn expand_level(&mut self, coarse_y: usize, width: usize) {
-        let w = width / COARSE;
-        let h = self.level.len() / w;
-        let row = &self.level[coarse_y.min(h - 1) * w..][..w];
-        for (x, chunk) in self.level_row.chunks_mut(COARSE).enumerate() {
-            chunk.fill(row[x.min(w - 1)]);
-        }
+    fn excess_row(&mut self, plane: &Plane, y: usize, taps: Taps) {
+        let (side, middle) = (taps.side, taps.middle());
+        smooth_across([plane.row(y - 1), plane.row(y), plane.row(y + 1)], side, middle, &mut self.across);
+        let out = &mut self.excess[y % 3];
+        smooth_along(&self.across, &self.level_row, side, middle, out);
     }
+}
 
-    /// Keeps the peaks of one row, given the excess of the row and of its neighbours.
-    #[inline(always)]
-    fn scan_row(&mut self, y: usize, width: usize, columns: usize, rules: &PeakRules<'_>) {
-        let here = &self.excess[y % 3][..width];
-        let block_rows = rules.thresholds.len() / rules.threshold_columns;
-        let thresholds = &rules.thresholds[(y / CELL_PX).min(block_rows - 1) * rules.threshold_columns..];
-        let rows = [&self.excess[(y + 2) % 3][..width], here, &self.excess[(y + 1) % 3][..width]];
-        for block in 0..width.div_ceil(CELL_PX) {
-            let threshold = thresholds[block.min(rules.threshold_columns - 1)];
-            let (first, last) = (block * CELL_PX, ((block + 1) * CELL_PX).min(width));
-            // Almost every block ends here, without a branch inside it.
-            if here[first..last].first_chunk().is_some_and(|block| !any_above(block, threshold)) {
-                continue;
-            }
-            for x in first.max(rules.border)..last.min(width - rules.border) {
-                let is_peak = here[x] > threshold && rows.iter().all(|row| row[x - 1..=x + 1].iter().all(|&d| d <= here[x]));
-                if is_peak && !(rules.masked)(x, y) {
-                    let cell = &mut self.cells[(y / rules.cell) * columns + x / rules.cell];
-                    insert(cell, Peak { x, y, height: here[x] }, rules.per_cell);
-                }
+#[inline(always)]
+fn add_four(rows: [&[f32]; COARSE], out: &mut [f32]) {
+    let n = out.len();
+    let rows = rows.map(|row| &row[..n]);
+    for x in 0..n {
+        out[x] = (rows[0][x] + rows[1][x]) + (rows[2][x] + rows[3][x]);
+    }
+}
+
+#[inline(always)]
+fn add_to(sums: &mut [f32], terms: &[f32]) {
+    let n = sums.len().min(terms.len());
+    let (sums, terms) = (&mut sums[..n], &terms[..n]);
+    for x in 0..n {
+        sums[x] += terms[x];
+    }
+}
+
+#[inline(always)]
+fn smooth_across(rows: [&[f32]; 3], side: f32, middle: f32, out: &mut [f32]) {
+    let n = out.len();
+    let [above, here, below] = rows.map(|row| &row[..n]);
+    for x in 0..n {
+        out[x] = side * (above[x] + below[x]) + middle * here[x];
+    }
+}
+
+#[inline(always)]
+fn smooth_along(row: &[f32], level: &[f32], side: f32, middle: f32, out: &mut [f32]) {
+    let n = row.len() - 2;
+    (out[0], out[n + 1]) = (0.0, 0.0);
+    let (before, here, after, level) = (&row[..n], &row[1..n + 1], &row[2..n + 2], &level[1..n + 1]);
+    let out = &mut out[1..n + 1];
+    for x in 0..n {
+        out[x] = side * (before[x] + after[x]) + middle * here[x] - level[x];
+    }
+}
+
+/// Keeps the peaks of the middle one of three rows, which is row `y`. `columns`: cells along a row.
+#[inline(always)]
+pub fn scan_row(rows: [&[f32]; 3], y: usize, columns: usize, rules: &PeakRules<'_>, cells: &mut [Vec<Peak>]) {
+    let here = rows[1];
+    let width = here.len();
+    let block_rows = rules.thresholds.len() / rules.threshold_columns;
+    let thresholds = &rules.thresholds[(y / CELL_PX).min(block_rows - 1) * rules.threshold_columns..];
+    for block in 0..width.div_ceil(CELL_PX) {
+        let threshold = thresholds[block.min(rules.threshold_columns - 1)];
+        let (first, last) = (block * CELL_PX, ((block + 1) * CELL_PX).min(width));
+        // Almost every block ends here, without a branch inside it.
+        if here[first..last].first_chunk().is_some_and(|block| !any_above(block, threshold)) {
+            continue;
+        }
+        for x in first.max(rules.border)..last.min(width - rules.border) {
+            let is_peak = here[x] > threshold && rows.iter().all(|row| row[x - 1..=x + 1].iter().all(|&d| d <= here[x]));
+            if is_peak && !(rules.masked)(x, y) {
+                insert(&mut cells[(y / rules.cell) * columns + x / rules.cell], Peak { x, y, height: here[x] }, rules.per_cell);
             }
         }
     }
 }
 
 /// One search, as a kernel.
-struct Search<'a, T> {
+struct Search<'a> {
     finder: &'a mut PeakFinder,
-    plane: &'a Plane<T>,
+    plane: &'a Plane,
     rules: &'a PeakRules<'a>,
     keep_on: &'a dyn Fn() -> bool,
+    whole: Option<&'a mut Plane>,
     peaks: &'a mut Vec<Peak>,
 }
 
-impl<T: Sample> Kernel for Search<'_, T> {
+impl Kernel for Search<'_> {
     type Output = bool;
 
     #[inline(always)]
     fn run(self) -> bool {
-        self.finder.search(self.plane, self.rules, self.keep_on, self.peaks)
+        self.finder.search(self.plane, self.rules, self.keep_on, self.whole, self.peaks)
     }
 }
 
@@ -219,94 +304,23 @@ fn insert(cell: &mut Vec<Peak>, peak: Peak, most: usize) {
     }
 }
 
-/// Sums of seven coarse cells around each, along its row and across its rows: the sides of a ring, which is a square of side nine
-/// without its corners. Where seven do not fit, nothing is written.
-#[inline(always)]
-fn sum_runs(coarse: &[f32], w: usize, h: usize, along: &mut Vec<f32>, across: &mut Vec<f32>) {
-    const REACH: usize = RING - 1;
-    const RUN: usize = 2 * REACH + 1;
-    for sums in [&mut *along, &mut *across] {
-        sums.clear();
-        sums.resize(w * h, 0.0);
-    }
-    if w < RUN || h < RUN {
-        return;
-    }
-    let n = w - 2 * REACH;
-    for y in 0..h {
-        let runs: [&[f32]; RUN] = std::array::from_fn(|i| &coarse[y * w + i..][..n]);
-        let out = &mut along[y * w + REACH..][..n];
-        for x in 0..n {
-            out[x] = ((runs[0][x] + runs[1][x]) + (runs[2][x] + runs[3][x])) + ((runs[4][x] + runs[5][x]) + runs[6][x]);
-        }
-    }
-    for y in REACH..h - REACH {
-        let runs: [&[f32]; RUN] = std::array::from_fn(|i| &coarse[(y + i - REACH) * w..][..w]);
-        let out = &mut across[y * w..][..w];
-        for x in 0..w {
-            out[x] = ((runs[0][x] + runs[1][x]) + (runs[2][x] + runs[3][x])) + ((runs[4][x] + runs[5][x]) + runs[6][x]);
-        }
-    }
-}
-
-/// Mean of those cells of a ring that lie inside the picture.
-fn ring_at_border(coarse: &[f32], w: usize, h: usize, x: usize, y: usize) -> f32 {
-    let (mut sum, mut n) = (0f32, 0f32);
-    let mut add = |cx: usize, cy: usize| {
-        // Cells left of or above the picture wrap to huge numbers.
-        if cx < w && cy < h {
-            sum += coarse[cy * w + cx];
-            n += 1.0;
-        }
-    };
-    for i in 0..2 * RING - 1 {
-        let (column, row) = ((x + i + 1).wrapping_sub(RING), (y + i + 1).wrapping_sub(RING));
-        add(column, y.wrapping_sub(RING));
-        add(column, y + RING);
-        add(x.wrapping_sub(RING), row);
-        add(x + RING, row);
-    }
-    if n > 0.0 { sum / n } else { 0.0 }
-}
-
-/// Smooths a row along itself; its two ends are copied.
-#[inline(always)]
-fn smooth_row<T: Sample>(row: &[T], out: &mut [f32]) {
-    let n = row.len() - 2;
-    out[0] = row[0].value();
-    out[n + 1] = row[n + 1].value();
-    let (left, middle, right) = (&row[..n], &row[1..n + 1], &row[2..n + 2]);
-    let out = &mut out[1..n + 1];
-    for x in 0..n {
-        out[x] = SIDE_TAP * (left[x].value() + right[x].value()) + MIDDLE_TAP * middle[x].value();
-    }
-}
-
-/// Smooths three rows across and takes the level off.
-#[inline(always)]
-fn excess_row(above: &[f32], here: &[f32], below: &[f32], level: &[f32], out: &mut [f32]) {
-    let n = out.len();
-    let (above, here, below, level) = (&above[..n], &here[..n], &below[..n], &level[..n]);
-    for x in 0..n {
-        out[x] = SIDE_TAP * (above[x] + below[x]) + MIDDLE_TAP * here[x] - level[x];
-    }
-}
-
 /// Whether any sample of a block is above the threshold.
 #[inline(always)]
 fn any_above(block: &[f32; CELL_PX], threshold: f32) -> bool {
-    let mut above = 0u32;
-    for &d in block {
-        above += u32::from(d > threshold);
+    let mut highest = [f32::MIN; CELL_PX / 4];
+    for quarter in block.chunks_exact(CELL_PX / 4) {
+        for k in 0..CELL_PX / 4 {
+            highest[k] = if quarter[k] > highest[k] { quarter[k] } else { highest[k] };
+        }
     }
-    above != 0
+    highest[0] > threshold || highest[1] > threshold || highest[2] > threshold || highest[3] > threshold
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn star_field(stars: &[(usize, usize, f32)]) -> Plane<f32> {
+    fn star_field(stars: &[(usize, usize, f32)]) -> Plane {
         let (width, height) = (256, 128);
         let mut pixels = vec![0f32; width * height];
         for y in 0..height {
@@ -322,11 +336,20 @@ mod tests {
         Plane { width, height, pixels }
     }
 
-    fn find(plane: &Plane<f32>, per_cell: usize, masked: &dyn Fn(usize, usize) -> bool) -> Vec<(usize, usize)> {
+    fn find(plane: &Plane, per_cell: usize, masked: &dyn Fn(usize, usize) -> bool) -> Vec<(usize, usize)> {
         let thresholds = vec![5.0; 16 * 8];
-        let rules = PeakRules { border: 10, cell: 128, per_cell, thresholds: &thresholds, threshold_columns: 16, masked };
+        let rules = PeakRules {
+            taps: Taps::WIDE,
+            ring: 2,
+            border: 10,
+            cell: 128,
+            per_cell,
+            thresholds: &thresholds,
+            threshold_columns: 16,
+            masked,
+        };
         let mut peaks = Vec::new();
-        assert!(PeakFinder::default().find(plane, &rules, &|| true, &mut peaks));
+        assert!(PeakFinder::default().find(plane, &rules, &|| true, None, &mut peaks));
         peaks.iter().map(|p| (p.x, p.y)).collect()
     }
 
@@ -346,6 +369,31 @@ mod tests {
     fn nothing_is_taken_from_a_masked_place_or_the_border() {
         let plane = star_field(&[(40, 40, 100.0), (4, 60, 500.0), (250, 100, 500.0), (200, 100, 50.0)]);
         assert_eq!(find(&plane, 2, &|x, _| x < 128), [(200, 100)]);
+    }
+
+    #[test]
+    fn a_slope_has_no_excess_up_to_the_border() {
+        let plane = Plane {
+            width: 70,
+            height: 50,
+            pixels: (0..70 * 50).map(|n| 3.0 * (n % 70) as f32 - 2.0 * (n / 70) as f32).collect(),
+        };
+        let thresholds = vec![5.0; 5 * 4];
+        let taps = Taps::SHARP;
+        let rules = PeakRules {
+            taps,
+            ring: 1,
+            border: 1,
+            cell: 32,
+            per_cell: 2,
+            thresholds: &thresholds,
+            threshold_columns: 5,
+            masked: &|_, _| false,
+        };
+        let (mut peaks, mut whole) = (Vec::new(), Plane::default());
+        assert!(PeakFinder::default().find(&plane, &rules, &|| true, Some(&mut whole), &mut peaks));
+        // The level has steps of one coarse cell; the last columns and rows, which fill none, have the level of the one before.
+        assert!(whole.pixels.iter().all(|e| e.abs() <= 3.5 * 3.0 + 3.5 * 2.0), "{:?}", whole.row(1));
     }
 
     #[test]
