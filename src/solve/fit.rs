@@ -12,10 +12,31 @@ pub struct Pair {
     pub left: f64,
     /// Observed offset from the centre along up, px.
     pub up: f64,
-    /// One σ of either, px.
-    pub sigma: f64,
+    /// Inverse of the covariance of the two offsets: left-left, up-up, left-up, px⁻².
+    pub information: (f64, f64, f64),
     /// The star's direction, ICRS.
     pub star: Vec3,
+}
+
+impl Pair {
+    /// A source that is known as well along left as along up: one σ of either, px.
+    pub fn round(left: f64, up: f64, sigma: f64, star: Vec3) -> Self {
+        let weight = 1.0 / (sigma * sigma);
+        Self { left, up, information: (weight, weight, 0.0), star }
+    }
+
+    /// A source whose offsets have a covariance: left-left, up-up, left-up, px².
+    pub fn with_covariance(left: f64, up: f64, (uu, vv, uv): (f64, f64, f64), star: Vec3) -> Self {
+        let det = uu * vv - uv * uv;
+        Self { left, up, information: (vv / det, uu / det, -uv / det), star }
+    }
+
+    /// Squared distance of an offset from the source's, in σ².
+    pub fn distance_sq(&self, left: f64, up: f64) -> f64 {
+        let (du, dv) = (self.left - left, self.up - up);
+        let (uu, vv, uv) = self.information;
+        uu * du * du + vv * dv * dv + 2.0 * uv * du * dv
+    }
 }
 
 /// How the camera stands and projects.
@@ -160,12 +181,13 @@ fn normal_equations(pairs: &[Pair], pose: &Pose, half_diagonal_px: f64, prior: &
         let mut slope_v = ideal_v * stretch + radial * (2.0 * k_over_r2 * v);
         slope_u[4] = u * r2 / (half_diagonal_px * half_diagonal_px);
         slope_v[4] = v * r2 / (half_diagonal_px * half_diagonal_px);
-        let weight = 1.0 / (pair.sigma * pair.sigma);
-        for (slope, residual) in [(slope_u, pair.left - u * stretch), (slope_v, pair.up - v * stretch)] {
-            normal += slope * slope.transpose() * weight;
-            gradient += slope * (weight * residual);
-            chi2 += weight * residual * residual;
-        }
+        let (uu, vv, uv) = pair.information;
+        let (du, dv) = (pair.left - u * stretch, pair.up - v * stretch);
+        // What each slope weighs: the information matrix times the two slopes.
+        let (weighted_u, weighted_v) = (slope_u * uu + slope_v * uv, slope_v * vv + slope_u * uv);
+        normal += slope_u * weighted_u.transpose() + slope_v * weighted_v.transpose();
+        gradient += weighted_u * du + weighted_v * dv;
+        chi2 += pair.distance_sq(u * stretch, v * stretch);
     }
     let scale_weight = 1.0 / prior.sigma_ln_platescale.powi(2);
     normal[(3, 3)] += scale_weight;
@@ -193,7 +215,7 @@ mod tests {
             let star = truth.attitude.to_sky(&camera);
             let (left, up) = truth.project(&star, R).unwrap();
             let (dx, dy) = noise(i);
-            pairs.push(Pair { left: left + dx, up: up + dy, sigma, star });
+            pairs.push(Pair::round(left + dx, up + dy, sigma, star));
         }
         pairs
     }
@@ -264,10 +286,10 @@ mod tests {
     #[test]
     fn too_little_or_impossible_input_gives_no_fit() {
         let pose = Pose { attitude: Attitude::from_angles(0.0, 0.0, 0.0), platescale: 1e-5, k1: 0.0 };
-        let behind = Pair { left: 0.0, up: 0.0, sigma: 1.0, star: Vec3::new(-1.0, 0.0, 0.0) };
+        let behind = Pair::round(0.0, 0.0, 1.0, Vec3::new(-1.0, 0.0, 0.0));
         assert!(fit(&[], &pose, R, &PRIOR).is_none());
         assert!(fit(&[behind; 5], &pose, R, &PRIOR).is_none());
-        let nan = Pair { left: f64::NAN, up: 0.0, sigma: 1.0, star: Vec3::new(1.0, 0.0, 0.0) };
+        let nan = Pair::round(f64::NAN, 0.0, 1.0, Vec3::new(1.0, 0.0, 0.0));
         assert!(fit(&[nan; 5], &pose, R, &PRIOR).is_none());
     }
 }

@@ -4,6 +4,7 @@
 //! before it; no clock, no disk: time and the wish to stop come in through [`Watch`].
 
 mod fit;
+mod light;
 mod outcome;
 mod pattern;
 mod refine;

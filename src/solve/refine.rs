@@ -3,7 +3,8 @@
 use super::fit::{Fit, Pair, Pose, fit};
 use super::verify::{Assigned, FrameGeometry, PatternSource, assign, project_stars};
 use super::{Match, Solution};
-use crate::catalog::{Catalogue, Field};
+use crate::catalog::{Catalogue, Field, FieldStar};
+use crate::sky::Vec3;
 
 /// A pair is left out where its residual exceeds this many of its σ (after inflation by the fit's own scatter), but never where it is
 /// below the least tolerance, nor kept above the greatest, px.
@@ -74,25 +75,22 @@ fn final_pairs(
     geometry: &FrameGeometry,
     years: f64,
 ) -> Vec<Pair> {
-    let epoch = field.stars.epoch_yr - catalogue.header.epoch_yr;
     matches
         .iter()
         .filter_map(|m| Some((sources.get(m.source)?, field.stars.stars.get(m.star)?)))
         .map(|(source, star)| {
-            // A blend's place is its own; what the brightest star of it moved since the field's epoch is added.
-            let moved = catalogue
-                .stars
-                .get(star.star as usize)
-                .map(|s| s.direction_after(epoch + years) - s.direction_after(epoch))
-                .unwrap_or_default();
-            Pair {
-                left: source.left,
-                up: source.up,
-                sigma: source.sigma.hypot(geometry.floor),
-                star: (star.direction + moved).normalize(),
-            }
+            Pair::round(source.left, source.up, source.sigma.hypot(geometry.floor), moved(star, field, catalogue, years))
         })
         .collect()
+}
+
+/// Where a star of the field is, `years` after the field's epoch.
+///
+/// A blend's place is its own; what the brightest star of it moved since the field's epoch is added.
+pub fn moved(star: &FieldStar, field: &Field, catalogue: &Catalogue, years: f64) -> Vec3 {
+    let epoch = field.stars.epoch_yr - catalogue.header.epoch_yr;
+    let shift = catalogue.stars.get(star.star as usize).map(|s| s.direction_after(epoch + years) - s.direction_after(epoch));
+    (star.direction + shift.unwrap_or_default()).normalize()
 }
 
 /// The solution of a fit. `mirror`: signs that turn offsets along left and up into x and y of the file.

@@ -1,6 +1,7 @@
 //! The solver: one frame in, one outcome out.
 
 use super::fit::FitPrior;
+use super::light::{LightFit, fit_by_light};
 use super::pattern::{PatternSearch, SearchEnd, SearchRules, SearchTally};
 use super::refine::{refine, solution_of};
 use super::requirements::{self, Circle};
@@ -10,19 +11,19 @@ use crate::catalog::{Catalogue, Field};
 use crate::image::{CellStatistics, Frame, Mask, auto_level};
 use crate::settings::Settings;
 use crate::sky::{CameraModel, DEG, HOUR, Mat3, Observer, RowOrder, Vec3, horizontal_of};
-use crate::sources::{Finder, Light, Look, Source, light_of_stars};
+use crate::sources::{Finder, Look, Source};
 use std::sync::Arc;
 
 /// Solves frames. Holds the catalogue, the index for one field, and the memory that a frame needs. A clone shares catalogue and
 /// index and has memory of its own.
 #[derive(Debug, Clone)]
 pub struct Solver {
-    catalogue: Arc<Catalogue>,
+    pub(super) catalogue: Arc<Catalogue>,
     settings: Arc<Settings>,
     field: Option<Arc<Prepared>>,
-    cells: CellStatistics,
-    finder: Finder,
-    found: Vec<Source>,
+    pub(super) cells: CellStatistics,
+    pub(super) finder: Finder,
+    pub(super) found: Vec<Source>,
 }
 
 /// A field and the size of the frames that it was made for.
@@ -46,35 +47,19 @@ const LEAST_SOURCES: usize = 4;
 /// A candidate less unlikely than this to be chance is worth reporting as `undecided`, ln.
 const UNDECIDED_FALSE_LN: f64 = 0.0;
 
-/// Stars are looked at for pieces where fewer of the sources than this are catalogued stars, or where they are wider than this.
-const WHOLE_STARS_FRACTION: f64 = 0.75;
-const SHARP_SIGMA_PX: f64 = 1.6;
-/// Stars fainter than this say nothing about where light lies beside them.
-const STACK_SNR: f64 = 5.0;
-/// A shift of the light is known to this part of itself.
-const SHIFT_DOUBT: f64 = 0.1;
-/// A piece of a star is where it should be within this, px; so many stars, and this part of them, must have theirs.
-const COMPANION_PX: f64 = 3.0;
-const LEAST_COMPANIONS: usize = 3;
-const COMPANION_FRACTION: f64 = 0.3;
-/// Where a wide kernel was needed, the place of a star's light is doubtful by this part of the kernel's width: less where the stars were
-/// seen to be whole (from rendered trails of 5 to 30 px).
-const KERNEL_DOUBT: f64 = 0.1;
-const KERNEL_DOUBT_UNSEEN: f64 = 1.5;
-
 /// Everything about a frame that the stages after the search need.
-struct Context<'a> {
+pub(super) struct Context<'a> {
     frame: &'a Frame,
     watch: &'a dyn Watch,
-    field: &'a Field,
-    geometry: FrameGeometry,
-    camera: CameraModel,
+    pub field: &'a Field,
+    pub geometry: FrameGeometry,
+    pub camera: CameraModel,
     observer: Option<Observer>,
     /// Epoch of observation, where known, Julian year.
     year: Option<f64>,
     circles: Vec<Circle>,
     /// Scale that the sources were found at.
-    scale: usize,
+    pub scale: usize,
 }
 
 impl Solver {
@@ -354,7 +339,7 @@ impl Solver {
 
     /// The final fit of a pattern beyond doubt, its horizontal coordinates, and the requirements.
     fn conclude(&self, context: &Context<'_>, all: &[PatternSource], found: &Hypothesis, outcome: &mut Outcome) {
-        let Some(mut solution) = self.solution(context, all, found) else {
+        let Some(mut solution) = self.solution(context, all, found, &mut outcome.sources) else {
             outcome.reason = Reason::Failed;
             outcome.detail = "the final fit of a verified pattern did not settle".into();
             return;
@@ -386,63 +371,45 @@ impl Solver {
         }
     }
 
-    /// The solution of a hypothesis by the final fit.
-    fn solution(&self, context: &Context<'_>, all: &[PatternSource], found: &Hypothesis) -> Option<Solution> {
+    /// The solution of a hypothesis by the final fit: by the sources as they were found or, where they may not be whole stars, by the
+    /// light of all of them. Sources measured anew go into `sources`.
+    fn solution(
+        &self,
+        context: &Context<'_>,
+        all: &[PatternSource],
+        found: &Hypothesis,
+        sources: &mut [SourceReport],
+    ) -> Option<Solution> {
         let apply = self.settings.solver.fit.proper_motion;
         let epoch = context.year.unwrap_or(context.field.stars.epoch_yr);
         let years = if apply { epoch - context.field.stars.epoch_yr } else { 0.0 };
         let (field, geometry) = (context.field, &context.geometry);
-        let (fit, matches) = refine(all, &found.pose, &found.matches, field, &self.catalogue, geometry, years)?;
+        let (mut fit, mut matches) = refine(all, &found.pose, &found.matches, field, &self.catalogue, geometry, years)?;
+        let mut all = all.to_vec();
+        let tried = all.len().min(self.settings.solver.sources.max_sources as usize);
+        let common_px = match fit_by_light(self, context, &fit, &matches, &mut all, tried, years) {
+            LightFit::AsFound { doubt_px } => doubt_px,
+            LightFit::Anew { fit: by_light, matches: kept, placed, sigma_px } => {
+                (fit, matches) = (by_light, kept);
+                for (source, star) in placed {
+                    if let Some(report) = sources.get_mut(source) {
+                        (report.x, report.y, report.flux, report.snr) = (star.x, star.y, star.flux, star.snr);
+                        report.sigma_px = (0.5 * (star.covariance.0 + star.covariance.1)).sqrt();
+                    }
+                }
+                sigma_px
+            }
+        };
         let mirror = (
             if context.camera.mirrored { 1.0 } else { -1.0 },
             if context.frame.rows == RowOrder::BottomFirst { 1.0 } else { -1.0 },
         );
-        let mut solution = solution_of(&fit, &matches, all, field, geometry, mirror, found.false_ln);
+        let mut solution = solution_of(&fit, &matches, &all, field, geometry, mirror, found.false_ln);
         solution.epoch_yr = apply.then_some(epoch);
-        let (shift, sigma_px) = self.common_shift(context, &solution);
-        // Every source moves as one, so the attitude turns, and the error of the shift is common to all.
-        let turn = Vec3::new(-shift.1 * mirror.1, shift.0 * mirror.0, 0.0) * -solution.platescale;
-        solution.attitude = solution.attitude.turned(&turn);
-        let variance = (sigma_px * solution.platescale).powi(2);
+        // What all sources have in common moves the boresight alone.
+        let variance = (common_px * solution.platescale).powi(2);
         solution.covariance += Mat3::from_diagonal(&Vec3::new(variance, variance, 0.0));
         Some(solution)
-    }
-
-    /// What all sources have in common: how far the middle of the stars' light is from where they were found, along x and y of the file,
-    /// and one σ of it, px. Stars may be trailed, or in pieces.
-    fn common_shift(&self, context: &Context<'_>, solution: &Solution) -> ((f64, f64), f64) {
-        let tried = self.found.len().min(self.settings.solver.sources.max_sources as usize);
-        let matched = solution.matches.iter().filter(|m| m.source < tried).count();
-        let in_pieces = (matched as f64) < WHOLE_STARS_FRACTION * tried as f64;
-        let trailed = self.finder.psf_axes.is_none_or(|(long, _)| long > SHARP_SIGMA_PX);
-        let kernel_px = if context.scale == 0 { 0.0 } else { (1 << context.scale) as f64 };
-        if !(in_pieces || trailed || context.scale > 0) {
-            return ((0.0, 0.0), 0.0);
-        }
-        let places: Vec<(f64, f64)> = solution
-            .matches
-            .iter()
-            .filter_map(|m| self.found.get(m.source))
-            .filter(|s| !s.saturated && s.snr > STACK_SNR)
-            .map(|s| (s.x, s.y))
-            .collect();
-        match light_of_stars(context.frame, &places) {
-            Light::Apart { shift, sigma, elsewhere } if self.companions(&places, elsewhere) => {
-                (shift, sigma.hypot(SHIFT_DOUBT * shift.0.hypot(shift.1)))
-            }
-            Light::Together => ((0.0, 0.0), KERNEL_DOUBT * kernel_px),
-            Light::Apart { .. } | Light::Unknown => ((0.0, 0.0), KERNEL_DOUBT_UNSEEN * kernel_px),
-        }
-    }
-
-    /// Whether enough of the places have a source of their own at an offset, px: pieces of stars are found as sources too.
-    fn companions(&self, places: &[(f64, f64)], offset: (f64, f64)) -> bool {
-        let has_one = |&&(x, y): &&(f64, f64)| {
-            let (px, py) = (x + offset.0, y + offset.1);
-            self.found.iter().any(|s| (s.x - px).hypot(s.y - py) < COMPANION_PX)
-        };
-        let count = places.iter().filter(has_one).count();
-        count >= LEAST_COMPANIONS && count as f64 >= COMPANION_FRACTION * places.len() as f64
     }
 
     /// No pattern beyond doubt: says what there was; `false`, so that a wider search may follow.
@@ -464,7 +431,7 @@ impl Solver {
                     best.matches.len(),
                     best.false_ln / std::f64::consts::LN_10,
                 );
-                outcome.candidate = self.solution(context, all, &best);
+                outcome.candidate = self.solution(context, all, &best, &mut outcome.sources);
             }
             None if outcome.reason != Reason::Undecided => {
                 outcome.reason = Reason::NoMatch;

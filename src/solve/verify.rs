@@ -138,7 +138,7 @@ pub fn pairs_of(sources: &[PatternSource], matches: &[Assigned], field: &Field, 
     matches
         .iter()
         .filter_map(|m| Some((sources.get(m.source)?, field.stars.stars.get(m.star)?)))
-        .map(|(source, star)| Pair { left: source.left, up: source.up, sigma: source.sigma.hypot(floor), star: star.direction })
+        .map(|(source, star)| Pair::round(source.left, source.up, source.sigma.hypot(floor), star.direction))
         .collect()
 }
 
@@ -153,16 +153,16 @@ pub fn verify(
     let mut pose = *start;
     let mut stars = Vec::new();
     let mut matches = Vec::new();
-    // The first round's tolerance allows for what a small triangle's errors become at the far corner. All σ are equal here: a wrong
-    // pair among right ones must not dominate by a small σ.
+    // The first round's tolerance allows for what a small triangle's errors become at the far corner. All σ are nearly equal here: a
+    // wrong pair among right ones must not dominate by a small σ.
+    const LEAST_SIGMA_PX: f64 = 0.5;
     for tolerance in [geometry.tolerance, 0.6 * geometry.tolerance] {
         project_stars(field, &pose, geometry, field.verification_rank, &mut stars);
         assign(sources, &stars, |_| tolerance, &mut matches);
         if matches.len() < min_matched.max(4) {
             return None;
         }
-        let mut pairs = pairs_of(sources, &matches, field, geometry.floor);
-        pairs.iter_mut().for_each(|p| p.sigma = p.sigma.hypot(0.5));
+        let pairs = pairs_of(sources, &matches, field, geometry.floor.hypot(LEAST_SIGMA_PX));
         pose = fit(&pairs, &pose, geometry.half_diagonal, &geometry.prior)?.pose;
     }
     project_stars(field, &pose, geometry, field.verification_rank, &mut stars);

@@ -2,6 +2,7 @@
 
 #![allow(clippy::indexing_slicing, reason = "a candidate's patch is among the patches of the same search")]
 
+use super::light::{KnownStar, Light, PlacedStar};
 use super::lines;
 use super::measure::{CoreTemplate, HALF, Patch, Shape, Standing, centroid, moments};
 use super::peaks::{Peak, PeakFinder, PeakRules, Taps};
@@ -154,6 +155,16 @@ impl Finder {
         // Stars first; among equals the surest first. A stable sort, so that the same frame gives the same order.
         sources.sort_by(|a, b| b.star_like.cmp(&a.star_like).then(b.confidence.total_cmp(&a.confidence)));
         true
+    }
+
+    /// Where the light of stars at known places lies, brightest first; `None` where it cannot be told.
+    pub fn light(&self, cells: &CellStatistics, stars: &[KnownStar]) -> Option<Light> {
+        Light::of(self.halved.first()?, cells, stars)
+    }
+
+    /// Measures a star near its place by the light of all.
+    pub fn place(&self, cells: &CellStatistics, light: &Light, star: &KnownStar) -> Option<PlacedStar> {
+        light.place(self.halved.first()?, cells, star)
     }
 
     /// Makes the halved pictures up to a scale.

@@ -550,6 +550,7 @@ pub fn centroid(patch: &Patch, standing: &Standing, shape: &Shape, sigma: f32, g
 
 #[cfg(test)]
 mod tests {
+    use super::super::plane::Plane;
     use super::*;
     use rand::{Rng, SeedableRng};
 

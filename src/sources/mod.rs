@@ -5,11 +5,11 @@
 //! the resolution and so a kernel twice as wide, for pictures out of focus. Uses `image` and `settings`.
 
 mod finder;
+mod light;
 mod lines;
 mod measure;
 mod peaks;
 mod plane;
-mod stack;
 
 pub use finder::{Finder, Look, Source};
-pub use stack::{Light, light_of_stars};
+pub use light::{KnownStar, Light, PlacedStar};

@@ -1,0 +1,167 @@
+//! The final fit where sources may not be whole stars: trailed ones, discs, trails in pieces.
+//!
+//! The pose says where the stars are; their light, laid on top of each other, says where its middle lies; each matched star is measured
+//! anew with that light as its template; and the pose is fitted to those. Twice, because the first pose may be that of one piece.
+
+use super::fit::{Fit, Pair, fit};
+use super::refine::moved;
+use super::solver::{Context, Solver};
+use super::verify::{Assigned, PatternSource, project_stars};
+use crate::catalog::FieldStar;
+use crate::sources::{KnownStar, Light, PlacedStar};
+
+/// Stars are looked at for pieces where fewer of the sources tried than this are catalogued stars, or where they are wider than this.
+const WHOLE_STARS_FRACTION: f64 = 0.75;
+const SHARP_SIGMA_PX: f64 = 1.6;
+/// Light no wider than this (long axis, in bins of two pixels), its middle where the sources were found but for this and a few σ, is that
+/// of whole stars that the search has measured in the picture itself, better than halved.
+const WHOLE_LIGHT_PX: f64 = 3.5;
+const NEAR_PX: f64 = 0.2;
+const NEAR_SIGMAS: f64 = 3.0;
+/// Where a wide kernel was needed and the light can't be told, a star's middle is doubtful by this part of the kernel's width (from
+/// rendered trails of 5 to 30 px).
+const KERNEL_DOUBT: f64 = 1.5;
+/// A star further from the fit than this many σ (after inflation by the fit's own scatter) is left out; least number that is fitted.
+const CLIP_SIGMAS: f64 = 3.5;
+const LEAST_STARS: usize = 4;
+/// Times that light and pose are measured in turn, and that stars are left out.
+const ROUNDS: usize = 2;
+const CLIP_ROUNDS: usize = 3;
+
+/// How the final fit ended.
+pub enum LightFit {
+    /// The sources are whole stars where they were found; or nothing better is known, and all of them may be off by `doubt_px` (one σ).
+    AsFound {
+        /// Error that all sources have in common, px.
+        doubt_px: f64,
+    },
+    /// Fitted to the stars measured anew.
+    Anew {
+        /// The fit.
+        fit: Fit,
+        /// The matches that it is made of.
+        matches: Vec<Assigned>,
+        /// Each source that was measured anew.
+        placed: Vec<(usize, PlacedStar)>,
+        /// Error that all stars have in common, px.
+        sigma_px: f64,
+    },
+}
+
+/// Fits the pose to the light of the matched stars, where there is reason to. `sources` get their new offsets; the first `tried` of
+/// them are those that patterns were made of. `years`: from the field's epoch to that of observation.
+pub fn fit_by_light(
+    solver: &Solver,
+    context: &Context<'_>,
+    first: &Fit,
+    matches: &[Assigned],
+    sources: &mut [PatternSource],
+    tried: usize,
+    years: f64,
+) -> LightFit {
+    let matched = matches.iter().filter(|m| m.source < tried).count();
+    let in_pieces = (matched as f64) < WHOLE_STARS_FRACTION * tried as f64;
+    let trailed = solver.finder.psf_axes.is_none_or(|(long, _)| long > SHARP_SIGMA_PX);
+    if !(in_pieces || trailed || context.scale > 0) {
+        return LightFit::AsFound { doubt_px: 0.0 };
+    }
+    let kernel_px = if context.scale == 0 { 0.0 } else { (1 << context.scale) as f64 };
+    let unseen = LightFit::AsFound { doubt_px: KERNEL_DOUBT * kernel_px };
+    let mut best: Option<LightFit> = None;
+    let mut pose_fit = first.clone();
+    for _ in 0..ROUNDS {
+        let stars = known_stars(context, &pose_fit, matches, sources);
+        let Some(light) = solver.finder.light(&solver.cells, &stars.iter().map(|(_, star)| *star).collect::<Vec<_>>()) else {
+            return best.unwrap_or(unseen);
+        };
+        let near = light.middle.0.hypot(light.middle.1) < NEAR_PX + NEAR_SIGMAS * light.sigma;
+        if near && light.axes.0 < WHOLE_LIGHT_PX && best.is_none() && context.scale == 0 {
+            return LightFit::AsFound { doubt_px: 0.0 };
+        }
+        let Some((fit, kept, placed)) = fit_placed(solver, context, &light, &pose_fit, matches, &stars, years) else {
+            return best.unwrap_or(unseen);
+        };
+        pose_fit = fit.clone();
+        best = Some(LightFit::Anew { fit, matches: kept, placed, sigma_px: light.sigma });
+    }
+    if let Some(LightFit::Anew { placed, .. }) = &best {
+        for (source, star) in placed {
+            if let Some(source) = sources.get_mut(*source) {
+                (source.left, source.up) = context.camera.offsets(star.x, star.y);
+                source.sigma = (0.5 * (star.covariance.0 + star.covariance.1)).sqrt();
+            }
+        }
+    }
+    best.unwrap_or(unseen)
+}
+
+/// Stars of the field that a fit puts on the picture, brightest first, with the fluxes that the matched ones let expect.
+fn known_stars(context: &Context<'_>, fit: &Fit, matches: &[Assigned], sources: &[PatternSource]) -> Vec<(usize, KnownStar)> {
+    let field = context.field;
+    let star_of = |m: &Assigned| field.stars.stars.get(m.star);
+    let mut zero_points: Vec<f64> =
+        matches.iter().filter_map(|m| Some(sources.get(m.source)?.mag - f64::from(star_of(m)?.mag))).collect();
+    zero_points.sort_by(f64::total_cmp);
+    let zero_point = zero_points.get(zero_points.len() / 2).copied().unwrap_or(0.0);
+    let mut projected = Vec::new();
+    project_stars(field, &fit.pose, &context.geometry, u8::MAX, &mut projected);
+    let mut stars: Vec<(usize, KnownStar)> = projected
+        .into_iter()
+        .filter_map(|(index, left, up)| {
+            let (x, y) = context.camera.position(left, up);
+            let mag = f64::from(field.stars.stars.get(index)?.mag) + zero_point;
+            Some((index, KnownStar { x, y, flux: 10f64.powf(-0.4 * mag) }))
+        })
+        .collect();
+    stars.sort_by(|a, b| b.1.flux.total_cmp(&a.1.flux).then(a.0.cmp(&b.0)));
+    stars
+}
+
+/// Measures every matched star by the light of all, and fits the pose to those that agree.
+#[allow(clippy::type_complexity, reason = "the three belong together here alone")]
+fn fit_placed(
+    solver: &Solver,
+    context: &Context<'_>,
+    light: &Light,
+    start: &Fit,
+    matches: &[Assigned],
+    stars: &[(usize, KnownStar)],
+    years: f64,
+) -> Option<(Fit, Vec<Assigned>, Vec<(usize, PlacedStar)>)> {
+    let (field, geometry) = (context.field, &context.geometry);
+    let mut entries: Vec<(Assigned, PlacedStar, Pair)> = matches
+        .iter()
+        .filter(|m| solver.found.get(m.source).is_some_and(|s| !s.saturated))
+        .filter_map(|m| {
+            let (_, known) = stars.iter().find(|(index, _)| *index == m.star)?;
+            let placed = solver.finder.place(&solver.cells, light, known)?;
+            let star: &FieldStar = field.stars.stars.get(m.star)?;
+            let (left, up) = context.camera.offsets(placed.x, placed.y);
+            // The axes of the file may run against those of the camera.
+            let (left_1, up_1) = context.camera.offsets(placed.x + 1.0, placed.y + 1.0);
+            let turn = (left_1 - left) * (up_1 - up);
+            let floor_sq = geometry.floor * geometry.floor;
+            let (xx, yy, xy) = placed.covariance;
+            let covariance = (xx + floor_sq, yy + floor_sq, turn * xy);
+            Some((*m, placed, Pair::with_covariance(left, up, covariance, moved(star, field, &solver.catalogue, years))))
+        })
+        .collect();
+    let mut result = None;
+    let mut pose = start.pose;
+    for _ in 0..CLIP_ROUNDS {
+        if entries.len() < LEAST_STARS {
+            return None;
+        }
+        let pairs: Vec<Pair> = entries.iter().map(|(_, _, pair)| *pair).collect();
+        let fitted = fit(&pairs, &pose, geometry.half_diagonal, &geometry.prior)?;
+        pose = fitted.pose;
+        let limit = CLIP_SIGMAS.powi(2) * fitted.chi2_per_dof().max(1.0);
+        result = Some(fitted);
+        entries.retain(|(_, _, pair)| {
+            pose.project(&pair.star, geometry.half_diagonal).is_some_and(|(left, up)| pair.distance_sq(left, up) <= limit)
+        });
+    }
+    let kept = entries.iter().map(|(m, _, _)| *m).collect();
+    let placed = entries.iter().map(|(m, star, _)| (m.source, *star)).collect();
+    result.map(|fit| (fit, kept, placed))
+}
