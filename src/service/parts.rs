@@ -5,7 +5,7 @@ use super::solver::{MakeSolver, Solve};
 use crate::camera::{CameraError, Directory, Moment, SimulatedSky, Source};
 use crate::catalog::{Catalogue, MAX_FILE_BYTES};
 use crate::image::{BadPixels, BadPixelsError, Frame};
-use crate::settings::{CameraKind, Settings};
+use crate::settings::{CameraKind, NO_ARAVIS, Settings};
 use crate::solve::{Outcome, Prior, Report, Solver, Watch};
 use std::fs::File;
 use std::io::Read;
@@ -23,6 +23,9 @@ pub struct Parts {
 /// Why the settings' parts cannot be had.
 #[derive(Debug, thiserror::Error)]
 pub enum PartsError {
+    /// A camera that cannot be driven.
+    #[error("camera.kind {NO_ARAVIS}")]
+    NoDriver,
     /// The list of bad pixels cannot be read.
     #[error("solver.sources.bad_pixels_file = \"{name}\": {error}")]
     List {
@@ -53,6 +56,7 @@ impl Parts {
         let bad_pixels = Arc::new(bad_pixels(&settings.solver.sources.bad_pixels_file)?);
         let camera = match settings.camera.kind {
             CameraKind::None => None,
+            CameraKind::Aravis => return Err(PartsError::NoDriver),
             CameraKind::Directory => {
                 let settings = Arc::clone(settings);
                 Some(mended(bad_pixels, move || Ok(Directory::new(&settings.camera))))
