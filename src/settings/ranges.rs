@@ -155,7 +155,7 @@ pub(super) const RULES: &[Rule] = &[
     word("network.peers", Kind::Peers { max: 64 }),
     number("network.update_period_s", "s", 0.05, 60.0),
     number("network.silence_s", "s", 0.1, 3600.0),
-    whole("network.max_connections", "connections", 2, 64),
+    whole("network.max_connections", "connections", 4, 64),
     word("display.listen", Kind::Listen),
     switch("record.enabled"),
     word("record.directory", Kind::Path),

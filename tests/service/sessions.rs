@@ -211,6 +211,24 @@ async fn more_connections_than_places_are_turned_away() {
     two.update().await;
 }
 
+#[tokio::test(start_paused = true)]
+async fn strangers_that_hold_all_places_give_way_to_a_flight_computer() {
+    let mut settings = settings();
+    settings.network.max_connections = 4;
+    let running = start_without_camera(settings).await;
+    let mut first = Peer::attach(&running, WIDE).await.greet(1).await;
+    let mut strangers = Vec::new();
+    for _ in 0..10 {
+        strangers.push(Peer::attach(&running, WIDE).await);
+    }
+    let mut second = Peer::attach(&running, WIDE).await.greet(2).await;
+    second.update().await;
+    first.update().await;
+    // Ten strangers had three places, and one of those went to the computer.
+    assert_eq!(closed(&running, Closed::TooMany).await, 8);
+    assert!(strangers[0].last_word().await.is_none());
+}
+
 #[tokio::test]
 async fn an_address_that_may_not_connect_is_turned_away() {
     let mut settings = settings();
