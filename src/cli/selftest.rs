@@ -5,7 +5,7 @@ use super::{ConfigArgs, NEGATIVE, print};
 use crate::camera::{Directory, Moment, Source};
 use crate::catalog::Catalogue;
 use crate::image::ImageCounter;
-use crate::service::{Clock, Parts, Stars, utc_now};
+use crate::service::{Clock, Stars, load_bad_pixels, utc_now};
 use crate::settings::{CameraKind, LensKind, NO_ARAVIS, Settings};
 use crate::simulate::sky::{Kind, RenderSpec, Rendered, render};
 use crate::sky::{ARCSEC, ClockQuality};
@@ -78,7 +78,7 @@ impl Args {
         }
         say("camera", camera(&settings))?;
         say("lens", lens(&settings))?;
-        say("bad pixels", Parts::of(&settings).map(|_| list(&settings)).map_err(|error| error.to_string()).into())?;
+        say("bad pixels", load_bad_pixels(&settings).map(|_| list(&settings)).map_err(|error| error.to_string()).into())?;
         say("network", network(&settings).into())?;
         say("disk", disk(&settings))?;
         say("clock", clock())?;
