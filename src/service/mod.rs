@@ -201,13 +201,7 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
     };
     watchman.keep(&solving, Actor::Solver, move || solver.clone().run());
     let shared = Arc::new(Shared {
-        hello: Hello::new(
-            Role::Camera,
-            CAMERA_ID,
-            &settings.camera.name,
-            clock.boot_id(),
-            Some(settings.fingerprint() as u32), // the lower half tells settings apart well enough
-        ),
+        hello: our_hello(&settings, &clock),
         settings: Arc::clone(&settings),
         clock,
         state: state.clone(),
@@ -240,6 +234,13 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
     }
     let stages = [("camera or connections", edges), ("solver", solving), ("hub", owning), ("recorder", keeping)];
     Ok(Running { address, state, clock, listener, stages })
+}
+
+/// What the camera says of itself to whoever connects.
+fn our_hello(settings: &Settings, clock: &Clock) -> Hello {
+    // The lower half of the fingerprint tells settings apart well enough.
+    let fingerprint = settings.fingerprint() as u32;
+    Hello::new(Role::Camera, CAMERA_ID, &settings.camera.name, clock.boot_id(), Some(fingerprint))
 }
 
 /// Puts actors under the supervisor.
