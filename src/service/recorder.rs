@@ -11,6 +11,7 @@ use super::supervisor::{Backoff, Ended, panic_message};
 use std::collections::VecDeque;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
+use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 use std::sync::Arc;
 use tokio::sync::mpsc;
@@ -164,6 +165,12 @@ impl LogFile {
     }
 
     fn write(&mut self, line: &str) -> io::Result<()> {
+        // A file whose directory was removed takes lines that nobody can ever read.
+        if let Some(file) = &self.file
+            && file.metadata()?.nlink() == 0
+        {
+            self.file = None;
+        }
         if self.file.is_none() {
             if let Some(directory) = self.path.parent() {
                 std::fs::create_dir_all(directory)?;

@@ -230,6 +230,25 @@ async fn a_dead_disk_is_counted_stops_nobody_and_is_used_again_when_it_is_back()
 }
 
 #[tokio::test]
+async fn records_whose_file_was_removed_go_on_in_a_new_one() {
+    let disk = tempfile::tempdir().unwrap();
+    let records = disk.path().join("records");
+    let mut settings = settings();
+    settings.camera.period_s = 0.02;
+    settings.record.enabled = true;
+    settings.record.directory = records.display().to_string();
+    let running = start(settings, Parts { camera: plain_camera(), solver: plain_solver() }).await;
+    until(&running, |state| state.counters.records_written >= 3).await;
+    let file = std::fs::read_dir(&records).unwrap().next().unwrap().unwrap().path();
+    std::fs::remove_file(&file).unwrap();
+    let before = running.state.borrow().counters.records_written;
+    until(&running, |state| state.counters.records_written >= before + 5).await;
+    running.stop().await;
+    // One or two may have been under way when it vanished.
+    assert!(std::fs::read_to_string(file).unwrap().lines().count() >= 3);
+}
+
+#[tokio::test]
 async fn the_priors_of_the_computer_in_charge_go_with_the_frame() {
     let seen: Arc<Mutex<Vec<Prior>>> = Arc::default();
     let record = Arc::clone(&seen);
