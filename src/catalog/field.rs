@@ -19,9 +19,9 @@ pub struct FieldGeometry {
     pub platescale: f64,
 }
 
-/// Least area of a field, as a fraction of its diagonal squared: that of a frame of 3 : 1. A longer strip has fewer stars than
+/// Least area of a field, as a fraction of its diagonal squared: that of a frame of 2 : 1. A longer strip has fewer stars than
 /// were wanted; with as many, triangles as long as the strip would fill any memory.
-const LEAST_AREA: f64 = 0.3;
+const LEAST_AREA: f64 = 0.4;
 /// Smallest cell in which stars are counted, rad: half a star of the catalogue. Smaller ones, of a tiny field, would be empty and
 /// take hundreds of megabytes.
 const LEAST_CELL: f64 = 0.2 * DEG;
@@ -180,12 +180,12 @@ mod tests {
     }
 
     #[test]
-    fn a_strip_is_thinned_as_a_frame_of_three_to_one() {
+    fn a_strip_is_thinned_as_a_frame_of_two_to_one() {
         let field = |width, height| FieldGeometry::new(width, height, (9.2, 9.7), 3.0);
         let in_px = |field: &FieldGeometry| field.area / field.platescale.powi(2);
         assert!((in_px(&field(1536, 1024)) - 1536.0 * 1024.0).abs() < 1e-6);
-        assert!((in_px(&field(3000, 1000)) - 3e6).abs() < 1e-6);
-        assert!((in_px(&field(3000, 3)) - 0.3 * 9_000_009.0).abs() < 1e-6);
+        assert!((in_px(&field(2000, 1000)) - 2e6).abs() < 1e-6);
+        assert!((in_px(&field(3000, 3)) - 0.4 * 9_000_009.0).abs() < 1e-6);
     }
 
     #[test]
