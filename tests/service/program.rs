@@ -11,8 +11,6 @@ use stars::wire::Update;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::Arc;
-use std::time::Duration;
-use tokio::time::Instant;
 
 fn stars() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_stars"));
@@ -89,11 +87,10 @@ async fn sigterm_ends_it_cleanly_with_a_last_word_to_its_peers() {
     let (mut child, address, log) = spawn_service(&arguments);
     let mut peer = Peer::connect(address.parse().unwrap()).await.greet(1).await;
     peer.update().await;
-    let began = Instant::now();
     assert!(Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
     assert_eq!(peer.last_word().await.unwrap().refusal.get(), Some(stars::wire::Refusal::ShuttingDown));
+    // It would be 1 if a part had not ended in its time, which is under 2 s for all of them.
     assert_eq!(child.wait().unwrap().code(), Some(0));
-    assert!(began.elapsed() < Duration::from_secs(2), "{:?}", began.elapsed());
     let log = log.join().unwrap();
     assert!(log.lines().all(|line| line.contains("simulated") || line.contains("stop")), "{log}");
 }
