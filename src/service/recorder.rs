@@ -143,7 +143,7 @@ impl Desk {
 struct LogFile {
     path: PathBuf,
     file: Option<File>,
-    /// A write broke off, so that the file may end within a line.
+    /// A write broke off and could not be taken back, so that the file may end within a line.
     torn: bool,
 }
 
@@ -159,7 +159,6 @@ impl LogFile {
         let result = self.write(&line);
         if result.is_err() {
             self.file = None;
-            self.torn = true;
         }
         result
     }
@@ -182,7 +181,12 @@ impl LogFile {
             file.write_all(b"\n")?;
         }
         self.torn = false;
-        file.write_all(line.as_bytes())?;
-        file.sync_data()
+        let whole = file.metadata()?.len();
+        let written = file.write_all(line.as_bytes()).and_then(|()| file.sync_data());
+        if written.is_err() {
+            // What is there of the line goes again: it will be written once more, and the file has whole lines alone.
+            self.torn = file.set_len(whole).is_err();
+        }
+        written
     }
 }

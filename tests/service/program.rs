@@ -109,6 +109,38 @@ fn a_duration_ends_it_and_a_taken_address_is_a_wrong_call() {
 }
 
 #[test]
+fn a_disk_that_is_full_keeps_whole_lines_alone() {
+    let there = tempfile::tempdir().unwrap();
+    std::fs::write(there.path().join("a.fits"), "no image").unwrap();
+    let records = there.path().join("records");
+    let settings = [
+        "network.listen=127.0.0.1:0",
+        "camera.kind=directory",
+        &format!("camera.directory={}", there.path().display()),
+        "camera.repeat=true",
+        "camera.startup_delay_s=0",
+        "camera.period_s=0.02",
+        &format!("record.directory={}", records.display()),
+    ];
+    // Files of at most 8 KiB: the write that goes beyond breaks off in the middle, as on a full disk.
+    let limited = r#"trap '' XFSZ; ulimit -f 8; exec "$0" "$@""#;
+    let run = Command::new("bash")
+        .args(["-c", limited, env!("CARGO_BIN_EXE_stars"), "run", "--duration", "3s"])
+        .args(settings.iter().flat_map(|setting| ["--set", setting]))
+        .output()
+        .unwrap();
+    let log = text(&run.stderr);
+    assert_eq!(run.status.code(), Some(0), "{log}");
+    assert!(log.contains("outcome not kept yet"), "{log}");
+    let file = std::fs::read_dir(&records).unwrap().next().unwrap().unwrap().path();
+    let kept = std::fs::read_to_string(file).unwrap();
+    assert!(kept.lines().count() > 1 && kept.ends_with('\n'), "{kept}");
+    for line in kept.lines() {
+        assert!(serde_json::from_str::<serde_json::Value>(line).is_ok(), "{line}");
+    }
+}
+
+#[test]
 fn a_list_of_bad_pixels_that_is_wrong_starts_nothing() {
     let list = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(list.path(), "12 34\nfive six\n").unwrap();
