@@ -196,7 +196,7 @@ fn a_mistake_ends_the_program_with_one_line_that_names_file_line_key_and_what_wa
     let dir = with_custom("camera.name = 'x'");
     refused(
         &settings_in(dir.path(), &["--config", "custom.toml"]),
-        "custom.toml: missing setting 'camera.kind', expected one of \"directory\", \"sky\", \"none\"",
+        "custom.toml: missing setting 'camera.kind', expected one of \"directory\", \"sky\", \"aravis\", \"none\"",
     );
     refused(
         &settings_in(dir.path(), &["--set", "camera.name=y", "--set", "camera.nam=y"]),

@@ -108,6 +108,20 @@ fn wrong_files_exit_with_two_after_all_others_were_answered() {
     }
 }
 
+/// A strip's index would be as long as the strip and as dense as its few pixels ask for: without a limit it fills any memory.
+#[test]
+fn an_image_of_any_shape_ends_in_an_outcome() {
+    let directory = TempDir::new().unwrap();
+    for (width, height) in [(1, 1), (3000, 3), (2, 1500)] {
+        let file = directory.path().join(format!("{width}x{height}.png"));
+        let pixels = (0..width * height).map(|i| 1000 + (i * 7919 % 100) as u16).collect();
+        write_png(&file, &Frame::new(width, height, pixels, RowOrder::TopFirst).unwrap());
+        let output = stars(&["--json"], &[file]);
+        assert_eq!(code(&output), 1, "{width} × {height}: {}", text(&output.stderr));
+        assert_ne!(lines(&output)[0]["detail"], "", "{width} × {height}");
+    }
+}
+
 #[test]
 fn a_wrong_call_exits_with_two_and_solves_nothing() {
     let directory = TempDir::new().unwrap();

@@ -4,14 +4,14 @@
 
 use super::{Catalogue, SkyGrid};
 use crate::settings::CatalogSettings;
-use crate::sky::{ARCSEC, Vec3};
+use crate::sky::{ARCSEC, DEG, Vec3};
 
 /// What the derivation from the catalogue depends on, besides the catalogue itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FieldGeometry {
     /// Diagonal of the field, rad.
     pub diagonal: f64,
-    /// Area of the field, sr.
+    /// Area of the field that the stars are thinned for, sr.
     pub area: f64,
     /// Stars closer than this are one source, rad.
     pub blend: f64,
@@ -19,12 +19,21 @@ pub struct FieldGeometry {
     pub platescale: f64,
 }
 
+/// Least area of a field, as a fraction of its diagonal squared: that of a frame of 2 : 1. A longer strip has fewer stars than
+/// were wanted; with as many, triangles as long as the strip would fill any memory.
+const LEAST_AREA: f64 = 0.4;
+/// Smallest cell in which stars are counted, rad: half a star of the catalogue. Smaller ones, of a tiny field, would be empty and
+/// take hundreds of megabytes.
+const LEAST_CELL: f64 = 0.2 * DEG;
+
 impl FieldGeometry {
     /// The field of a camera of `width` × `height` px in the middle of its range of plate scales, arcsec/px.
     pub fn new(width: usize, height: usize, platescale_range: (f64, f64), blend_px: f64) -> Self {
         let platescale = 0.5 * (platescale_range.0 + platescale_range.1) * ARCSEC;
         let (w, h) = (width as f64 * platescale, height as f64 * platescale);
-        Self { diagonal: w.hypot(h), area: w * h, blend: blend_px * platescale, platescale }
+        let diagonal = w.hypot(h);
+        let area = (w * h).max(LEAST_AREA * diagonal * diagonal);
+        Self { diagonal, area, blend: blend_px * platescale, platescale }
     }
 }
 
@@ -101,7 +110,7 @@ impl FieldStars {
 /// `directions` come brightest first, and so do the results.
 fn merge_blends(directions: &[Vec3], mags: &[f32], blend: f64) -> Vec<FieldStar> {
     // A cell no smaller than the blend radius, so that few cells are looked at; the grid has its own upper limit of cells.
-    let (grid, order) = SkyGrid::build(directions, blend.max(0.1_f64.to_radians()));
+    let (grid, order) = SkyGrid::build(directions, blend.max(0.1 * DEG));
     let cos_blend = blend.cos();
     let flux = |mag: f32| 10f64.powf(-0.4 * f64::from(mag));
     let mut absorbed = vec![false; directions.len()];
@@ -134,7 +143,7 @@ fn merge_blends(directions: &[Vec3], mags: &[f32], blend: f64) -> Vec<FieldStar>
 /// A star that has reached the cap is not counted for others any more: those around it have reached it too, or nearly.
 fn count_brighter(stars: &mut [FieldStar], radius: f64, cap: u8) {
     let directions: Vec<Vec3> = stars.iter().map(|s| s.direction).collect();
-    let (grid, _) = SkyGrid::build(&directions, 0.7 * radius);
+    let (grid, _) = SkyGrid::build(&directions, (0.7 * radius).max(LEAST_CELL));
     let cos_radius = radius.cos() as f32;
     // The counted stars of each cell, side by side in memory.
     let mut counted: Vec<Vec<[f32; 3]>> = vec![Vec::new(); grid.cells()];
@@ -156,7 +165,7 @@ fn count_brighter(stars: &mut [FieldStar], radius: f64, cap: u8) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sky::{DEG, direction, separation};
+    use crate::sky::{direction, separation};
 
     #[test]
     fn a_close_pair_becomes_one_brighter_star_between_them() {
@@ -168,6 +177,15 @@ mod tests {
         assert!((merged[0].mag - (5.0 - 0.7526)).abs() < 1e-3);
         assert!((separation(&merged[0].direction, &a) / ARCSEC - 5.0).abs() < 1e-3);
         assert_eq!(merged[1].star, 2);
+    }
+
+    #[test]
+    fn a_strip_is_thinned_as_a_frame_of_two_to_one() {
+        let field = |width, height| FieldGeometry::new(width, height, (9.2, 9.7), 3.0);
+        let in_px = |field: &FieldGeometry| field.area / field.platescale.powi(2);
+        assert!((in_px(&field(1536, 1024)) - 1536.0 * 1024.0).abs() < 1e-6);
+        assert!((in_px(&field(2000, 1000)) - 2e6).abs() < 1e-6);
+        assert!((in_px(&field(3000, 3)) - 0.4 * 9_000_009.0).abs() < 1e-6);
     }
 
     #[test]

@@ -23,7 +23,8 @@ impl SkyGrid {
     ///
     /// Items of one cell keep their order.
     pub fn build(directions: &[Vec3], cell: f64) -> (Self, Vec<u32>) {
-        const BANDS: Range<f64> = 8.0..4096.0;
+        // Cells from 20° down to 0.1°: smaller ones would be empty, and there would be millions of them.
+        const BANDS: Range<f64> = 8.0..1800.0;
         let bands = (PI / cell).ceil().clamp(BANDS.start, BANDS.end) as usize;
         let band_height = PI / bands as f64;
         let mut first_cell = vec![0u32];

@@ -1,10 +1,10 @@
 //! `stars catalog`: what the star catalogue is, whether a file is a whole one, and single stars of it.
 
-use super::{ConfigArgs, NEGATIVE, file, print};
-use crate::catalog::{Catalogue, MAX_FILE_BYTES, Names};
+use super::{ConfigArgs, NEGATIVE, print};
+use crate::catalog::{Catalogue, Names};
+use crate::service::load_catalogue;
 use crate::sky::{ARCSEC, DEG, ra_dec};
-use anyhow::{Context, bail};
-use std::path::Path;
+use anyhow::bail;
 use std::process::ExitCode;
 
 /// Shows and checks the star catalogue.
@@ -37,7 +37,7 @@ impl Args {
         if self.check.as_ref().is_some_and(String::is_empty) {
             bail!("--check: the name of the file is empty, expected a star catalogue");
         }
-        let catalogue = load(file)?;
+        let catalogue = load_catalogue(file).map_err(anyhow::Error::msg)?;
         let Some(name) = self.star else {
             let verdict = if self.check.is_some() { "whole and unaltered\n" } else { "" };
             return print(&format!("{verdict}{}", summary(file, &catalogue))).map(|()| ExitCode::SUCCESS);
@@ -47,17 +47,6 @@ impl Args {
             None => print(&format!("no star is called {name:?}")).map(|()| ExitCode::from(NEGATIVE)),
         }
     }
-}
-
-/// Reads the star catalogue that the setting `catalog.file` names: the built-in one where it is empty.
-///
-/// # Errors
-/// A file that can't be read, or is not a whole and unaltered catalogue: names the file and what was expected.
-pub fn load(name: &str) -> anyhow::Result<Catalogue> {
-    if name.is_empty() {
-        return Catalogue::embedded().context("the built-in star catalogue");
-    }
-    Catalogue::from_bytes(&file::read(Path::new(name), MAX_FILE_BYTES, "a star catalogue")?).with_context(|| name.to_owned())
 }
 
 /// What a catalogue says of itself and what it holds.

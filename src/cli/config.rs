@@ -1,6 +1,6 @@
 //! The settings options that all subcommands share, and the reading of settings files.
 
-use super::file;
+use crate::service::read_file;
 use crate::settings::{Layers, Loaded, MAX_TEXT_BYTES};
 use std::path::{Path, PathBuf};
 
@@ -40,7 +40,7 @@ impl ConfigArgs {
 fn read(path: &Path) -> anyhow::Result<String> {
     let name = path.display();
     let expected = "a settings file in TOML";
-    let bytes = file::read(path, MAX_TEXT_BYTES, expected)?;
+    let bytes = read_file(path, MAX_TEXT_BYTES, expected)?;
     String::from_utf8(bytes).map_err(|error| {
         let good = error.as_bytes().iter().take(error.utf8_error().valid_up_to());
         let line = good.filter(|byte| **byte == b'\n').count() + 1;

@@ -1,6 +1,6 @@
 //! `stars fcp`: a simulated flight computer, to see what a camera serves.
 
-use super::{NEGATIVE, print};
+use super::{ConfigArgs, NEGATIVE, print, within};
 use crate::service::{Clock, STATUS_PERIOD, Seen, Sighting, fly};
 use crate::settings::parse_span;
 use crate::simulate::FlightComputer;
@@ -9,6 +9,7 @@ use crate::wire::{Equatorial, EquatorialEstimate, Hello, HorizontalEstimate, Ima
 use anyhow::Context;
 use serde::Serialize;
 use serde_json::{Map, Value};
+use std::io::{Write, stderr};
 use std::process::ExitCode;
 use std::time::Duration;
 use tokio::sync::mpsc;
@@ -25,15 +26,15 @@ const ATTEMPTS: u32 = 4;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  stars fcp --connect 127.0.0.1:2017 --id 1 --in-charge
+  stars fcp --id 1 --in-charge
   stars fcp --connect 192.168.1.6:2017 --id 2 --json --updates 1200 > ten-minutes.jsonl
   stars fcp --connect 127.0.0.1:2017 --id 1 --in-charge --latitude-deg=-77.5 --sidereal-time-h 8.1
 A value that begins with a minus needs the equals sign. SIGINT and SIGTERM end it cleanly. Exit code 1: with --updates, there
 was no camera in 4 attempts, or the duration ended first.")]
 pub struct Args {
-    /// Camera to connect to, host:port
+    /// Camera to connect to, host:port [default: the setting network.listen]
     #[arg(long, value_name = "ADDR", value_parser = address)]
-    connect: String,
+    connect: Option<String>,
     /// Which flight computer this is, 1 to 255
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
     id: u8,
@@ -73,6 +74,8 @@ pub struct Args {
     /// Number of the series of triggers that images belong to, to send
     #[arg(long, value_name = "N")]
     trigger: Option<u32>,
+    #[command(flatten)]
+    config: ConfigArgs,
 }
 
 /// A host and a port, not yet looked up.
@@ -89,24 +92,21 @@ fn seconds_or_span(text: &str) -> Result<Duration, String> {
     parse_span(text).or_else(|error| parse_span(&format!("{text}s")).map_err(|_| error))
 }
 
-fn within(text: &str, low: f64, high: f64) -> Result<f64, String> {
-    let value = text.parse::<f64>().ok().filter(|value| (low..=high).contains(value));
-    value.ok_or_else(|| format!("'{text}' is not a number from {low} to {high}"))
-}
-
 impl Args {
     /// Flies until enough updates came, the duration ended or a signal said so.
     ///
     /// # Errors
-    /// Where the machine gives no runtime, or stdout cannot be written.
+    /// Where the settings are wrong, the machine gives no runtime, or stdout cannot be written.
     pub fn run(self) -> anyhow::Result<ExitCode> {
+        let listen = self.config.load()?.settings.network.listen;
+        let camera = self.connect.clone().unwrap_or(listen);
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-        runtime.context("the runtime cannot be started")?.block_on(self.watch())
+        runtime.context("the runtime cannot be started")?.block_on(self.watch(camera))
     }
 
-    async fn watch(self) -> anyhow::Result<ExitCode> {
+    async fn watch(self, camera: String) -> anyhow::Result<ExitCode> {
         let (sender, mut sightings) = mpsc::channel(QUEUE);
-        let flight = tokio::spawn(fly(self.computer(), self.connect.clone(), self.retry, sender));
+        let flight = tokio::spawn(fly(self.computer(), camera, self.retry, sender));
         let mut log = Log::new(self.json, self.updates);
         let end = tokio::select! {
             end = log.read(&mut sightings) => end?,
@@ -238,7 +238,8 @@ impl Log {
             }
             Seen::Unreachable(reason) => {
                 self.failures += 1;
-                eprintln!("stars: no connection: {reason}");
+                // Nobody is left to tell where even stderr is closed.
+                let _ = writeln!(stderr(), "stars: no connection: {reason}");
                 if self.wanted.is_some() && !self.connected && self.failures >= ATTEMPTS {
                     return Ok(Some(End::Unreachable));
                 }

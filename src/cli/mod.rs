@@ -8,7 +8,6 @@ mod catalog;
 mod config;
 mod demo;
 mod fcp;
-mod file;
 mod font;
 mod judge;
 mod overlay;
@@ -19,7 +18,6 @@ mod settings;
 mod solve;
 mod text;
 
-pub use catalog::load as load_catalogue;
 pub use config::ConfigArgs;
 
 use clap::{CommandFactory, Parser, Subcommand, error::ErrorKind};
@@ -85,6 +83,12 @@ pub fn print(text: &str) -> anyhow::Result<()> {
         Err(error) if error.kind() != BrokenPipe => Err(anyhow::Error::new(error).context("stdout cannot be written")),
         _ => Ok(()),
     }
+}
+
+/// A number of a range as a command line has it, ends included; never NaN.
+fn within(text: &str, low: f64, high: f64) -> Result<f64, String> {
+    let value = text.parse::<f64>().ok().filter(|value| (low..=high).contains(value));
+    value.ok_or_else(|| format!("'{text}' is not a number from {low} to {high}"))
 }
 
 /// One line on stderr that says what is wrong with the call.

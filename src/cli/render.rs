@@ -1,7 +1,10 @@
 //! `stars render`: writes simulated frames with their truth.
 
+use super::{ConfigArgs, within};
 use crate::catalog::Catalogue;
 use crate::image::write_fits;
+use crate::service::load_catalogue;
+use crate::settings::{Loaded, Setting};
 use crate::simulate::sky::{Kind, RenderSpec, render};
 use crate::sky::ARCSEC;
 use anyhow::Context;
@@ -18,17 +21,18 @@ use std::thread;
 ///
 /// The same kind, seed and number give the same bytes on any machine.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  stars render --kind float --count 20 --seed 7 --out frames\n\n\
+#[command(after_help = "Examples:\n  stars render --kind float --count 20 --seed 7 --out frames\n  \
+    stars render --kind night --custom custom.toml --out frames     as that camera would see it\n\n\
     Kinds: night float gradient defocus defocus30 motion multiexp hotpix sparse dense saturated nostars blank")]
 pub struct Args {
     /// Kind of frame
     #[arg(long)]
     kind: Kind,
     /// Number of frames
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(..=MAX_NUMBER))]
     count: u64,
     /// Number of the first frame
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=MAX_NUMBER))]
     first: u64,
     /// Seed of everything random
     #[arg(long, default_value_t = 1)]
@@ -37,34 +41,50 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Frames rendered at a time [default: one for each processor]
-    #[arg(long, value_name = "N")]
-    jobs: Option<NonZeroUsize>,
-    /// Columns, px
-    #[arg(long, value_name = "PX", default_value_t = 1536)]
-    width: usize,
-    /// Rows, px
-    #[arg(long, value_name = "PX", default_value_t = 1024)]
-    height: usize,
-    /// Plate scale [default: drawn from 9.25 to 9.60 for each frame]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=64))]
+    jobs: Option<u8>,
+    /// Columns, px [default: the setting camera.width_px]
+    #[arg(long, value_name = "PX")]
+    width: Option<usize>,
+    /// Rows, px [default: the setting camera.height_px]
+    #[arg(long, value_name = "PX")]
+    height: Option<usize>,
+    /// Plate scale [default: drawn for each frame, from 9.25 to 9.60 or from the range that settings other than the flight
+    /// file's give]
     #[arg(long, value_name = "ARCSEC_PX")]
     platescale: Option<f64>,
-    /// Epoch that the stars are moved to, Julian year
-    #[arg(long, value_name = "YEAR", default_value_t = 2013.0)]
-    epoch: f64,
-    /// Turn the picture over, left to right
+    /// Epoch that the stars are moved to, Julian year [default: the setting catalog.epoch_yr]
+    #[arg(long, value_name = "YEAR", value_parser = |text: &str| within(text, 1950.0, 2100.0))]
+    epoch: Option<f64>,
+    /// Turn the picture over, left to right, as the setting camera.mirrored does
     #[arg(long)]
     mirrored: bool,
+    #[command(flatten)]
+    config: ConfigArgs,
 }
 
+/// Greatest number of a frame, and of frames.
+const MAX_NUMBER: u64 = u32::MAX as u64;
+
 impl Args {
-    fn spec(&self, index: u64) -> RenderSpec {
+    /// The frame of a number; what the options leave open is the settings' camera's.
+    fn spec(&self, index: u64, loaded: &Loaded) -> RenderSpec {
         let standard = RenderSpec::new(self.kind, self.seed, index);
+        let (camera, matching) = (&loaded.settings.camera, &loaded.settings.solver.matching);
+        let ranged = |setting: &Setting| setting.key.starts_with("solver.matching.platescale_") && setting.is_overridden();
+        let (low, high) = match self.platescale {
+            Some(scale) => (scale * ARCSEC, scale * ARCSEC),
+            None if loaded.all.iter().any(ranged) => {
+                (matching.platescale_min_arcsec_px * ARCSEC, matching.platescale_max_arcsec_px * ARCSEC)
+            }
+            None => standard.platescale,
+        };
         RenderSpec {
-            width: self.width,
-            height: self.height,
-            platescale: self.platescale.map_or(standard.platescale, |scale| (scale * ARCSEC, scale * ARCSEC)),
-            epoch_yr: self.epoch,
-            mirrored: self.mirrored,
+            width: self.width.unwrap_or(camera.width_px as usize),
+            height: self.height.unwrap_or(camera.height_px as usize),
+            platescale: (low, high),
+            epoch_yr: self.epoch.unwrap_or(loaded.settings.catalog.epoch_yr),
+            mirrored: self.mirrored || camera.mirrored,
             ..standard
         }
     }
@@ -73,11 +93,13 @@ impl Args {
     ///
     /// # Errors
     ///
-    /// A size that can't be rendered, or a directory that can't be written to.
+    /// Settings that are wrong, a size that can't be rendered, or a directory that can't be written to.
     pub fn run(self) -> anyhow::Result<ExitCode> {
-        let catalogue = Catalogue::embedded().context("the built-in catalogue")?;
+        let loaded = self.config.load()?;
+        let catalogue = load_catalogue(&loaded.settings.catalog.file).map_err(anyhow::Error::msg)?;
         fs::create_dir_all(&self.out).with_context(|| format!("{}: can't be made", self.out.display()))?;
-        let jobs = self.jobs.or_else(|| thread::available_parallelism().ok()).map_or(1, NonZeroUsize::get);
+        let processors = || thread::available_parallelism().map_or(1, NonZeroUsize::get);
+        let jobs = self.jobs.map_or_else(processors, usize::from);
         let progress =
             ProgressBar::new(self.count).with_style(ProgressStyle::with_template("{bar:40} {pos}/{len} frames, {eta} left")?);
         let (next, failed) = (AtomicU64::new(0), AtomicBool::new(false));
@@ -87,7 +109,7 @@ impl Args {
                 if nth >= self.count {
                     break;
                 }
-                let written = write_one(&self, self.first + nth, &catalogue);
+                let written = write_one(&self.out, &self.spec(self.first + nth, &loaded), &catalogue);
                 failed.fetch_or(written.is_err(), Ordering::Relaxed);
                 written?;
                 progress.inc(1);
@@ -105,9 +127,9 @@ impl Args {
     }
 }
 
-fn write_one(args: &Args, index: u64, catalogue: &Catalogue) -> anyhow::Result<()> {
-    let rendered = render(&args.spec(index), catalogue)?;
-    let path = |ending: &str| args.out.join(format!("{}{ending}", rendered.frame.stamp.origin));
+fn write_one(out: &Path, spec: &RenderSpec, catalogue: &Catalogue) -> anyhow::Result<()> {
+    let rendered = render(spec, catalogue)?;
+    let path = |ending: &str| out.join(format!("{}{ending}", rendered.frame.stamp.origin));
     write(&path(".fits"), |file| Ok(write_fits(&rendered.frame, file)?))?;
     write(&path(".truth.json"), |file| {
         serde_json::to_writer_pretty(&mut *file, &rendered.truth)?;
@@ -123,4 +145,34 @@ fn write(path: &Path, content: impl FnOnce(&mut BufWriter<fs::File>) -> anyhow::
         Ok(file.flush()?)
     };
     attempt().with_context(|| format!("{}: can't be written", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Cli {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    fn spec(words: &[&str]) -> RenderSpec {
+        let args = Cli::parse_from([&["render", "--kind", "night", "--out", "x"], words].concat()).args;
+        args.spec(0, &args.config.load().unwrap())
+    }
+
+    #[test]
+    fn a_frame_is_the_standard_one_unless_settings_or_options_describe_another_camera() {
+        assert_eq!(spec(&[]), RenderSpec::new(Kind::Night, 1, 0));
+        let range =
+            ["--set", "solver.matching.platescale_min_arcsec_px=38", "--set", "solver.matching.platescale_max_arcsec_px=42"];
+        let other = [&range[..], &["--set", "camera.width_px=640", "--set", "camera.mirrored=true"]].concat();
+        let camera = spec(&other);
+        assert_eq!((camera.width, camera.height, camera.mirrored), (640, 1024, true));
+        assert_eq!(camera.platescale, (38.0 * ARCSEC, 42.0 * ARCSEC));
+        let both = spec(&[&other[..], &["--platescale", "40", "--width", "800"]].concat());
+        assert_eq!((both.width, both.platescale), (800, (40.0 * ARCSEC, 40.0 * ARCSEC)));
+    }
 }

@@ -5,8 +5,8 @@ use super::{ConfigArgs, NEGATIVE, print};
 use crate::camera::{Directory, Moment, Source};
 use crate::catalog::Catalogue;
 use crate::image::ImageCounter;
-use crate::service::{Clock, Parts, Stars, utc_now};
-use crate::settings::{CameraKind, LensKind, Settings};
+use crate::service::{Clock, Stars, load_bad_pixels, utc_now};
+use crate::settings::{CameraKind, LensKind, NO_ARAVIS, Settings};
 use crate::simulate::sky::{Kind, RenderSpec, Rendered, render};
 use crate::sky::{ARCSEC, ClockQuality};
 use crate::solve::{Outcome, PointingReport, Prior, Reason, Solver, Unwatched};
@@ -78,7 +78,7 @@ impl Args {
         }
         say("camera", camera(&settings))?;
         say("lens", lens(&settings))?;
-        say("bad pixels", Parts::of(&settings).map(|_| list(&settings)).map_err(|error| error.to_string()).into())?;
+        say("bad pixels", load_bad_pixels(&settings).map(|_| list(&settings)).map_err(|error| error.to_string()).into())?;
         say("network", network(&settings).into())?;
         say("disk", disk(&settings))?;
         say("clock", clock())?;
@@ -173,6 +173,7 @@ fn camera(settings: &Settings) -> Verdict {
     let moment = Moment { image: ImageCounter(0), uptime: Duration::ZERO, utc: None, quality: ClockQuality::Unset };
     match settings.camera.kind {
         CameraKind::None => Verdict::Bad("camera.kind = \"none\": no image will ever be taken".to_owned()),
+        CameraKind::Aravis => Verdict::Bad(format!("camera.kind {NO_ARAVIS}")),
         CameraKind::Sky => Verdict::Good("a simulated sky".to_owned()),
         CameraKind::Directory => match Directory::new(&settings.camera).next(&moment) {
             Err(error) => Verdict::Bad(format!("camera.directory = \"{}\": {error}", settings.camera.directory)),

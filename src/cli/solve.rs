@@ -1,7 +1,8 @@
 //! `stars solve`: solves images from disk and says where they point, or why not.
 
-use super::{ConfigArgs, NEGATIVE, WRONG, catalog, file, overlay, print, text};
+use super::{ConfigArgs, NEGATIVE, WRONG, overlay, print, text};
 use crate::image::{self, BadPixels, Frame, Stamp};
+use crate::service::{load_bad_pixels, load_catalogue, read_file};
 use crate::settings::Settings;
 use crate::solve::{Outcome, Prior, Reason, Report, Solver, Stop, Watch};
 use anyhow::Context;
@@ -22,8 +23,6 @@ use std::time::{Duration, Instant};
 const EXPECTED: &str = "an image (FITS, TIFF, PNG or JPEG)";
 /// Longest file that is read, bytes: several times the largest image that the readers take.
 const MAX_FILE_BYTES: usize = 1 << 30;
-/// Longest list of bad pixels, bytes: more than a million of them.
-const MAX_LIST_BYTES: usize = 16 << 20;
 
 /// Solves images: prints where each one points, or why that could not be found
 #[derive(Debug, clap::Args)]
@@ -56,7 +55,7 @@ impl Args {
     /// Where settings, catalogue or the directory for overlays are wrong. A wrong image is answered by its own line instead.
     pub fn run(self) -> anyhow::Result<ExitCode> {
         let settings = Arc::new(self.config.load()?.settings);
-        let catalogue = Arc::new(catalog::load(&settings.catalog.file)?);
+        let catalogue = Arc::new(load_catalogue(&settings.catalog.file).map_err(anyhow::Error::msg)?);
         let bad_pixels = load_bad_pixels(&settings)?;
         let overlays = self.overlay.as_deref().map(|directory| overlay_files(directory, &self.files)).transpose()?;
         let batch = Batch {
@@ -75,17 +74,6 @@ impl Args {
             Verdict::Wrong => ExitCode::from(WRONG),
         })
     }
-}
-
-/// The camera's bad pixels, by the settings' file.
-fn load_bad_pixels(settings: &Settings) -> anyhow::Result<BadPixels> {
-    let name = &settings.solver.sources.bad_pixels_file;
-    if name.is_empty() {
-        return Ok(BadPixels::default());
-    }
-    let bytes = file::read(Path::new(name), MAX_LIST_BYTES, "bad pixels, \"x y\" a line")?;
-    let list = String::from_utf8(bytes).with_context(|| format!("{name}: is not text, expected bad pixels, \"x y\" a line"))?;
-    Ok(BadPixels::parse(name, &list)?)
 }
 
 /// Makes the directory and gives each image a file of its own in it, also where images of two directories share a name.
@@ -186,7 +174,7 @@ impl Batch<'_> {
     fn answer(&self, path: &Path, overlay: Option<&Path>, own: &mut Option<Own>) -> Answer {
         let name = path.display().to_string();
         let start = now();
-        let bytes = file::read(path, MAX_FILE_BYTES, EXPECTED);
+        let bytes = read_file(path, MAX_FILE_BYTES, EXPECTED).map_err(anyhow::Error::from);
         let mut frame = match bytes.and_then(|bytes| Ok(image::read(&name, &bytes)?)) {
             Ok(frame) => frame,
             Err(error) => {

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::Semaphore;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio_util::task::TaskTracker;
 use tracing::Instrument;
 
@@ -19,6 +19,8 @@ use tracing::Instrument;
 const PAUSES: (Duration, Duration) = (Duration::from_millis(10), Duration::from_secs(1));
 /// Bytes that may wait in the kernel for a peer that does not read: a handful of updates, as older ones are of no use.
 const SEND_BUFFER: usize = 32 * 1024;
+/// A stranger that is to give way does so at once; the longest that other connections may wait for that.
+const GIVES_WAY_WITHIN: Duration = Duration::from_millis(100);
 /// Keepalive probes, for a link that broke without a word: first after 2 s, then every second, lost after three.
 const KEEPALIVE: (Duration, Duration, u32) = (Duration::from_secs(2), Duration::from_secs(1), 3);
 
@@ -70,16 +72,14 @@ impl Listener {
     pub async fn take<S: AsyncRead + AsyncWrite + Send + 'static>(&self, stream: S, address: SocketAddr) {
         let connection = self.next.fetch_add(1, Ordering::Relaxed);
         let allowed = self.allowed.is_empty() || self.allowed.contains(&address.ip().to_canonical());
-        let place = Arc::clone(&self.places).try_acquire_owned();
-        let (why, place) = match place {
-            _ if !allowed => (Closed::AddressNotAllowed, None),
-            Err(_) => (Closed::TooMany, None),
-            Ok(place) => (Closed::Broke, Some(place)),
-        };
-        let Some(place) = place else {
-            tracing::warn!(%address, ?why, "connection turned away");
-            self.shared.hub.tell(ToHub::Closed { connection, why }).await;
-            return;
+        let place = if allowed { self.place().await.ok_or(Closed::TooMany) } else { Err(Closed::AddressNotAllowed) };
+        let place = match place {
+            Ok(place) => place,
+            Err(why) => {
+                tracing::warn!(%address, ?why, "connection turned away");
+                self.shared.hub.tell(ToHub::Closed { connection, why }).await;
+                return;
+            }
         };
         let session = Session::new(stream, connection, Arc::clone(&self.shared));
         let hub = self.shared.hub.clone();
@@ -95,6 +95,17 @@ impl Listener {
             drop(place);
         };
         self.tracker.spawn(watched.instrument(span));
+    }
+
+    /// A place for a connection: a free one, or that of a stranger.
+    async fn place(&self) -> Option<OwnedSemaphorePermit> {
+        if let Ok(place) = Arc::clone(&self.places).try_acquire_owned() {
+            return Some(place);
+        }
+        if !self.shared.strangers.oldest_gives_way() {
+            return None;
+        }
+        tokio::time::timeout(GIVES_WAY_WITHIN, Arc::clone(&self.places).acquire_owned()).await.ok()?.ok()
     }
 
     /// Small writes go at once, a dead link is noticed, and old updates do not pile up.

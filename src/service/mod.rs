@@ -20,6 +20,7 @@
 mod camera;
 mod clock;
 mod codec;
+mod file;
 mod flight_computer;
 mod hub;
 mod inbox;
@@ -35,8 +36,9 @@ mod update;
 pub use camera::MakeSource;
 pub use clock::{Clock, utc_now};
 pub use codec::{Codec, LinkError};
+pub use file::{FileError, read_file};
 pub use flight_computer::{STATUS_PERIOD, Seen, Sighting, fly};
-pub use parts::{Parts, PartsError, Stars};
+pub use parts::{Parts, PartsError, Stars, load_bad_pixels, load_catalogue};
 pub use session::Closed;
 pub use solver::{MakeSolver, Solve};
 pub use state::{Actor, CameraState, Counters, Finished, Peer, Readiness, Simulated, State};
@@ -47,7 +49,7 @@ use camera::CameraActor;
 use hub::Hub;
 use listener::Listener;
 use recorder::Recorder;
-use session::Shared;
+use session::{Shared, Strangers};
 use solver::SolverActor;
 use std::net::{IpAddr, SocketAddr};
 use std::path::Path;
@@ -199,17 +201,12 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
     };
     watchman.keep(&solving, Actor::Solver, move || solver.clone().run());
     let shared = Arc::new(Shared {
-        hello: Hello::new(
-            Role::Camera,
-            CAMERA_ID,
-            &settings.camera.name,
-            clock.boot_id(),
-            Some(settings.fingerprint() as u32), // the lower half tells settings apart well enough
-        ),
+        hello: our_hello(&settings, &clock),
         settings: Arc::clone(&settings),
         clock,
         state: state.clone(),
         hub: hub.clone(),
+        strangers: Strangers::default(),
         stop: edges.stop.clone(),
     });
     let listener = Listener {
@@ -237,6 +234,13 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
     }
     let stages = [("camera or connections", edges), ("solver", solving), ("hub", owning), ("recorder", keeping)];
     Ok(Running { address, state, clock, listener, stages })
+}
+
+/// What the camera says of itself to whoever connects.
+fn our_hello(settings: &Settings, clock: &Clock) -> Hello {
+    // The lower half of the fingerprint tells settings apart well enough.
+    let fingerprint = settings.fingerprint() as u32;
+    Hello::new(Role::Camera, CAMERA_ID, &settings.camera.name, clock.boot_id(), Some(fingerprint))
 }
 
 /// Puts actors under the supervisor.

@@ -1,14 +1,14 @@
 //! The parts that the settings may exchange: which camera, and which solver.
 
 use super::camera::MakeSource;
+use super::file::{FileError, read_file};
 use super::solver::{MakeSolver, Solve};
 use crate::camera::{CameraError, Directory, Moment, SimulatedSky, Source};
 use crate::catalog::{Catalogue, MAX_FILE_BYTES};
 use crate::image::{BadPixels, BadPixelsError, Frame};
-use crate::settings::{CameraKind, Settings};
+use crate::settings::{CameraKind, NO_ARAVIS, Settings};
 use crate::solve::{Outcome, Prior, Report, Solver, Watch};
-use std::fs::File;
-use std::io::Read;
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// What the service is made of besides its actors.
@@ -23,14 +23,12 @@ pub struct Parts {
 /// Why the settings' parts cannot be had.
 #[derive(Debug, thiserror::Error)]
 pub enum PartsError {
+    /// A camera that cannot be driven.
+    #[error("camera.kind {NO_ARAVIS}")]
+    NoDriver,
     /// The list of bad pixels cannot be read.
-    #[error("solver.sources.bad_pixels_file = \"{name}\": {error}")]
-    List {
-        /// The file of the settings.
-        name: String,
-        /// Why not.
-        error: std::io::Error,
-    },
+    #[error("solver.sources.bad_pixels_file: {0}")]
+    List(#[from] FileError),
     /// A line of it is wrong.
     #[error("solver.sources.bad_pixels_file: {0}")]
     Line(#[from] BadPixelsError),
@@ -50,9 +48,10 @@ impl Parts {
     /// # Errors
     /// As there.
     pub fn with_stars(settings: &Arc<Settings>, stars: &Stars) -> Result<Self, PartsError> {
-        let bad_pixels = Arc::new(bad_pixels(&settings.solver.sources.bad_pixels_file)?);
+        let bad_pixels = Arc::new(load_bad_pixels(settings)?);
         let camera = match settings.camera.kind {
             CameraKind::None => None,
+            CameraKind::Aravis => return Err(PartsError::NoDriver),
             CameraKind::Directory => {
                 let settings = Arc::clone(settings);
                 Some(mended(bad_pixels, move || Ok(Directory::new(&settings.camera))))
@@ -88,17 +87,20 @@ fn mended<S: Source + 'static>(
     Arc::new(move || Ok(Box::new(Mended { source: make()?, bad_pixels: Arc::clone(&bad_pixels) }) as Box<dyn Source>))
 }
 
-fn bad_pixels(name: &str) -> Result<BadPixels, PartsError> {
-    /// Longer than the list of any detector that is worth flying, bytes.
-    const LONGEST: u64 = 1 << 24;
+/// The camera's bad pixels, by the file that the settings name; none where there is no such file.
+///
+/// # Errors
+/// Where the file cannot be read, or a line of it is wrong.
+pub fn load_bad_pixels(settings: &Settings) -> Result<BadPixels, PartsError> {
+    /// Longer than the list of any detector that is worth flying, bytes: more than a million pixels.
+    const LONGEST: usize = 16 << 20;
+    let name = &settings.solver.sources.bad_pixels_file;
     if name.is_empty() {
         return Ok(BadPixels::default());
     }
-    let mut list = String::new();
-    File::open(name)
-        .and_then(|file| file.take(LONGEST).read_to_string(&mut list))
-        .map_err(|error| PartsError::List { name: name.to_owned(), error })?;
-    Ok(BadPixels::parse(name, &list)?)
+    let bytes = read_file(Path::new(name), LONGEST, "bad pixels, \"x y\" a line")?;
+    // What is not text is refused with its line, as anything else that is not two numbers.
+    Ok(BadPixels::parse(name, &String::from_utf8_lossy(&bytes))?)
 }
 
 /// Makes solvers that share one catalogue and one index, which the first of them builds.
@@ -150,17 +152,19 @@ impl Stars {
         if let Some(catalogue) = &*loaded {
             return Ok(Arc::clone(catalogue));
         }
-        let catalogue = Arc::new(read_catalogue(&self.settings.catalog.file)?);
+        let catalogue = Arc::new(load_catalogue(&self.settings.catalog.file)?);
         Ok(Arc::clone(loaded.insert(catalogue)))
     }
 }
 
-fn read_catalogue(file: &str) -> Result<Catalogue, String> {
-    if file.is_empty() {
-        return Catalogue::embedded().map_err(|error| format!("the built-in catalogue: {error}"));
+/// Reads a star catalogue: the built-in one where the name is empty, as the setting `catalog.file` has it.
+///
+/// # Errors
+/// Why the file can't be read, or is not a whole and unaltered catalogue, in words that name it.
+pub fn load_catalogue(name: &str) -> Result<Catalogue, String> {
+    if name.is_empty() {
+        return Catalogue::embedded().map_err(|error| format!("the built-in star catalogue: {error}"));
     }
-    let wrong = |error: std::io::Error| format!("catalog.file \"{file}\": {error}");
-    let mut bytes = Vec::new();
-    File::open(file).and_then(|opened| opened.take(MAX_FILE_BYTES as u64 + 1).read_to_end(&mut bytes)).map_err(wrong)?;
-    Catalogue::from_bytes(&bytes).map_err(|error| format!("catalog.file \"{file}\": {error}"))
+    let bytes = read_file(Path::new(name), MAX_FILE_BYTES, "a star catalogue").map_err(|error| error.to_string())?;
+    Catalogue::from_bytes(&bytes).map_err(|error| format!("{name}: {error}"))
 }

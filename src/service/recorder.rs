@@ -11,6 +11,7 @@ use super::supervisor::{Backoff, Ended, panic_message};
 use std::collections::VecDeque;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
+use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 use std::sync::Arc;
 use tokio::sync::mpsc;
@@ -142,7 +143,7 @@ impl Desk {
 struct LogFile {
     path: PathBuf,
     file: Option<File>,
-    /// A write broke off, so that the file may end within a line.
+    /// A write broke off and could not be taken back, so that the file may end within a line.
     torn: bool,
 }
 
@@ -158,12 +159,17 @@ impl LogFile {
         let result = self.write(&line);
         if result.is_err() {
             self.file = None;
-            self.torn = true;
         }
         result
     }
 
     fn write(&mut self, line: &str) -> io::Result<()> {
+        // A file whose directory was removed takes lines that nobody can ever read.
+        if let Some(file) = &self.file
+            && file.metadata()?.nlink() == 0
+        {
+            self.file = None;
+        }
         if self.file.is_none() {
             if let Some(directory) = self.path.parent() {
                 std::fs::create_dir_all(directory)?;
@@ -175,7 +181,12 @@ impl LogFile {
             file.write_all(b"\n")?;
         }
         self.torn = false;
-        file.write_all(line.as_bytes())?;
-        file.sync_data()
+        let whole = file.metadata()?.len();
+        let written = file.write_all(line.as_bytes()).and_then(|()| file.sync_data());
+        if written.is_err() {
+            // What is there of the line goes again: it will be written once more, and the file has whole lines alone.
+            self.torn = file.set_len(whole).is_err();
+        }
+        written
     }
 }

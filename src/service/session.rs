@@ -13,7 +13,8 @@ use crate::command::FlightComputer;
 use crate::settings::Settings;
 use crate::wire::{Hello, Message, Refusal, Refuse};
 use futures_util::{SinkExt, StreamExt};
-use std::sync::Arc;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadHalf, WriteHalf};
 use tokio::sync::watch;
@@ -38,7 +39,7 @@ pub enum Closed {
     Refused,
     /// A newer connection of the same flight computer took its place.
     Replaced,
-    /// All places were taken.
+    /// All places were taken; or they were when a newer one came, and this one had not said who it is.
     TooMany,
     /// Its address is not one that may connect.
     AddressNotAllowed,
@@ -60,8 +61,39 @@ pub struct Shared {
     pub state: watch::Receiver<Arc<State>>,
     /// Whom to tell what peers say.
     pub hub: hub::Handle,
+    /// Who has not said hello yet.
+    pub strangers: Strangers,
     /// When to end.
     pub stop: CancellationToken,
+}
+
+/// Connections that have not said who they are yet. Where all places are taken the one that has been silent for longest gives way,
+/// so that strangers who hold places cannot keep a flight computer out.
+#[derive(Debug, Default)]
+pub struct Strangers(Mutex<BTreeMap<u64, CancellationToken>>);
+
+impl Strangers {
+    /// A connection is new; the token says when it must give way.
+    fn enter(&self, connection: u64) -> CancellationToken {
+        let give_way = CancellationToken::new();
+        self.lock().insert(connection, give_way.clone());
+        give_way
+    }
+
+    /// A connection has said who it is, or has ended.
+    fn leave(&self, connection: u64) {
+        self.lock().remove(&connection);
+    }
+
+    /// Lets the oldest give way; false where there is none.
+    pub fn oldest_gives_way(&self) -> bool {
+        self.lock().pop_first().map(|(_, give_way)| give_way.cancel()).is_some()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<u64, CancellationToken>> {
+        // Nothing can break between two steps of a change to it.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 /// Messages that a peer may send between two updates: a flight computer sends two or three.
@@ -74,6 +106,7 @@ pub struct Session<S> {
     from: FramedRead<ReadHalf<S>, Codec>,
     to: FramedWrite<WriteHalf<S>, Codec>,
     connection: u64,
+    give_way: CancellationToken,
     shared: Arc<Shared>,
 }
 
@@ -81,17 +114,24 @@ impl<S: AsyncRead + AsyncWrite> Session<S> {
     /// A session on a stream, with the number of the connection.
     pub fn new(stream: S, connection: u64, shared: Arc<Shared>) -> Self {
         let (from, to) = tokio::io::split(stream);
-        Self { from: FramedRead::new(from, Codec::default()), to: FramedWrite::new(to, Codec::default()), connection, shared }
+        let (from, to) = (FramedRead::new(from, Codec::default()), FramedWrite::new(to, Codec::default()));
+        let give_way = shared.strangers.enter(connection);
+        Self { from, to, connection, give_way, shared }
     }
 
     /// Runs until the connection ends for whatever reason, and tells the hub of its peer and of its end.
     pub async fn run(mut self) -> Closed {
-        let stop = self.shared.stop.clone();
-        let greeted = stop.run_until_cancelled(self.greet()).await;
+        let (stop, give_way) = (self.shared.stop.clone(), self.give_way.clone());
+        let greeted = tokio::select! {
+            biased;
+            () = stop.cancelled() => Err(Closed::Stopping),
+            () = give_way.cancelled() => Err(Closed::TooMany),
+            greeted = self.greet() => greeted,
+        };
+        self.shared.strangers.leave(self.connection);
         let why = match greeted {
-            None => Closed::Stopping,
-            Some(Err(why)) => why,
-            Some(Ok(computer)) => self.converse(computer).await,
+            Err(why) => why,
+            Ok(computer) => self.converse(computer).await,
         };
         self.say_why(why).await;
         self.shared.hub.tell(ToHub::Closed { connection: self.connection, why }).await;

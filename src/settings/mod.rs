@@ -22,7 +22,7 @@ mod text;
 
 pub use error::{Layer, Origin, Problem, SettingsError};
 pub use layers::{FLIGHT_TOML, Layers, Loaded, Setting};
-pub use preflight::{Finding, Review, review};
+pub use preflight::{Finding, NO_ARAVIS, Review, review};
 pub use ranges::PER_CAMERA;
 pub use schema::*;
 pub use span::parse_span;

@@ -3,6 +3,9 @@
 use super::layers::{Loaded, Setting};
 use super::schema::{CameraKind, LensKind, Settings};
 
+/// Why `camera.kind = "aravis"` gives no camera, to follow the setting.
+pub const NO_ARAVIS: &str = "is \"aravis\", for which this version has no driver: expected \"directory\", \"sky\" or \"none\"";
+
 /// One thing that keeps these settings from flying.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Finding {
@@ -44,6 +47,7 @@ fn real_hardware(settings: &Settings) -> Vec<Finding> {
     match settings.camera.kind {
         CameraKind::Sky => find("camera.kind", "is \"sky\", a simulation: set the flight's own camera"),
         CameraKind::None => find("camera.kind", "is \"none\": set the flight's own camera"),
+        CameraKind::Aravis => find("camera.kind", NO_ARAVIS),
         CameraKind::Directory => (),
     }
     match settings.lens.kind {

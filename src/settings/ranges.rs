@@ -52,7 +52,7 @@ pub const PER_CAMERA: [&str; 8] = [
 const U32_MAX: i64 = u32::MAX as i64;
 /// Longest path, bytes (Linux's own limit).
 const PATH_BYTES: usize = 4096;
-const CAMERAS: &[&str] = &["directory", "sky", "none"];
+const CAMERAS: &[&str] = &["directory", "sky", "aravis", "none"];
 const LENSES: &[&str] = &["serial", "simulated", "none"];
 const FRAMES: &[&str] =
     &["night", "float", "gradient", "defocus", "defocus30", "motion", "multiexp", "hotpix", "sparse", "dense", "saturated"];
@@ -155,7 +155,8 @@ pub(super) const RULES: &[Rule] = &[
     word("network.peers", Kind::Peers { max: 64 }),
     number("network.update_period_s", "s", 0.05, 60.0),
     number("network.silence_s", "s", 0.1, 3600.0),
-    whole("network.max_connections", "connections", 2, 64),
+    whole("network.max_connections", "connections", 4, 64),
+    word("display.listen", Kind::Listen),
     switch("record.enabled"),
     word("record.directory", Kind::Path),
     whole("record.queue_frames", "outcomes", 1, 4096),

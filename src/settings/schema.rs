@@ -25,6 +25,8 @@ pub struct Settings {
     pub observer: ObserverSettings,
     /// The connections to the flight computers.
     pub network: NetworkSettings,
+    /// The page for browsers.
+    pub display: DisplaySettings,
     /// What is kept on disk.
     pub record: RecordSettings,
     /// How the service looks after itself.
@@ -39,6 +41,8 @@ pub enum CameraKind {
     Directory,
     /// A sky rendered from the catalogue.
     Sky,
+    /// A GigE Vision or USB3 Vision camera. Known by name, so that settings written for it read; there is no driver yet.
+    Aravis,
     /// No camera: the service runs and says so.
     None,
 }
@@ -325,6 +329,14 @@ pub struct NetworkSettings {
     pub silence_s: f64,
     /// Connections held at a time.
     pub max_connections: u32,
+}
+
+/// Section `[display]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DisplaySettings {
+    /// Address and port of the page; nothing listens there yet.
+    pub listen: String,
 }
 
 /// Section `[record]`.

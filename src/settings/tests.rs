@@ -75,6 +75,37 @@ fn every_comment_of_the_flight_file_gives_unit_and_range_as_they_are_checked() {
 }
 
 #[test]
+fn the_settings_that_scripts_rely_on_are_there_with_the_values_that_they_name() {
+    let shipped = Layers::embedded().load().unwrap();
+    let value = |key: &str| setting(&shipped, key).value.to_string();
+    assert_eq!(value("network.listen"), "\"127.0.0.1:2017\"");
+    assert_eq!(value("display.listen"), "\"127.0.0.1:8080\"");
+    for key in [
+        "camera.directory",
+        "camera.period_s",
+        "camera.width_px",
+        "camera.height_px",
+        "camera.mirrored",
+        "lens.port",
+        "solver.timeout_s",
+        "solver.robust",
+        "solver.matching.platescale_min_arcsec_px",
+        "solver.matching.platescale_max_arcsec_px",
+        "solver.matching.min_matched",
+        "solver.requirements.elevation.enabled",
+        "record.directory",
+    ] {
+        assert!(!value(key).is_empty(), "{key}");
+    }
+    for kind in ["directory", "sky", "aravis", "none"] {
+        assert!(set(&format!("camera.kind={kind}")).is_ok(), "{kind}");
+    }
+    for kind in ["serial", "simulated", "none"] {
+        assert!(set(&format!("lens.kind={kind}")).is_ok(), "{kind}");
+    }
+}
+
+#[test]
 fn the_flight_values_are_those_of_the_flight_that_are_relied_on() {
     let settings = Settings::flight().unwrap();
     assert_eq!(settings.solver.matching.min_matched, 5);
@@ -150,7 +181,10 @@ fn every_mistake_in_a_file_is_named_with_file_line_key_and_what_was_expected() {
             "camera.width_px = 99999999999999999999",
             "custom.toml:1: 'camera.width_px' must be a whole number from 64 to 16384 (px), not 99999999999999999999",
         ),
-        ("camera.kind = 'skyy'", "custom.toml:1: 'camera.kind' must be one of \"directory\", \"sky\", \"none\", not 'skyy'"),
+        (
+            "camera.kind = 'skyy'",
+            "custom.toml:1: 'camera.kind' must be one of \"directory\", \"sky\", \"aravis\", \"none\", not 'skyy'",
+        ),
         ("camera.mirrored = 1", "custom.toml:1: 'camera.mirrored' must be true or false, not 1"),
         ("camera.name = ''", "custom.toml:1: 'camera.name' must be text of 1 to 16 printable ASCII characters, not ''"),
         (
@@ -300,6 +334,7 @@ fn the_review_sees_through_every_way_to_write_loopback_or_none() {
         ("network.listen=0.0.0.0:2017", true),
         ("network.listen=[fd00::2]:2017", true),
         ("camera.kind=none", false),
+        ("camera.kind=aravis", false),
         ("lens.kind=none", false),
     ] {
         let example = include_str!("../../config/custom.example.toml");

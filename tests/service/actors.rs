@@ -11,12 +11,11 @@ use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
 use std::time::Duration;
-use tokio::time::Instant;
 
 /// Waits until the state is as wanted.
 async fn until(running: &Running, wanted: impl FnMut(&Arc<State>) -> bool) -> Arc<State> {
     let mut state = running.state.clone();
-    let seen = tokio::time::timeout(Duration::from_secs(20), state.wait_for(wanted)).await.expect("it never came").unwrap();
+    let seen = tokio::time::timeout(PATIENCE, state.wait_for(wanted)).await.expect("it never came").unwrap();
     Arc::clone(&seen)
 }
 
@@ -230,6 +229,25 @@ async fn a_dead_disk_is_counted_stops_nobody_and_is_used_again_when_it_is_back()
 }
 
 #[tokio::test]
+async fn records_whose_file_was_removed_go_on_in_a_new_one() {
+    let disk = tempfile::tempdir().unwrap();
+    let records = disk.path().join("records");
+    let mut settings = settings();
+    settings.camera.period_s = 0.02;
+    settings.record.enabled = true;
+    settings.record.directory = records.display().to_string();
+    let running = start(settings, Parts { camera: plain_camera(), solver: plain_solver() }).await;
+    until(&running, |state| state.counters.records_written >= 3).await;
+    let file = std::fs::read_dir(&records).unwrap().next().unwrap().unwrap().path();
+    std::fs::remove_file(&file).unwrap();
+    let before = running.state.borrow().counters.records_written;
+    until(&running, |state| state.counters.records_written >= before + 5).await;
+    running.stop().await;
+    // One or two may have been under way when it vanished.
+    assert!(std::fs::read_to_string(file).unwrap().lines().count() >= 3);
+}
+
+#[tokio::test]
 async fn the_priors_of_the_computer_in_charge_go_with_the_frame() {
     let seen: Arc<Mutex<Vec<Prior>>> = Arc::default();
     let record = Arc::clone(&seen);
@@ -252,9 +270,9 @@ async fn the_priors_of_the_computer_in_charge_go_with_the_frame() {
     assert!((prior.horizontal.unwrap().0.to_degrees() - 200.0).abs() < 1e-9);
     let observer = prior.observer.unwrap();
     assert!((observer.latitude.to_degrees() + 77.0).abs() < 1e-9);
-    // The sidereal time has gone on since, by less than the 10 s that this test may take.
+    // The sidereal time has gone on since.
     let turned = observer.sidereal_time.to_degrees() - 45.0;
-    assert!((0.0..10.0 * 15.1 / 3600.0).contains(&turned), "{turned}");
+    assert!((0.0..PATIENCE.as_secs_f64() * 15.1 / 3600.0).contains(&turned), "{turned}");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -281,9 +299,8 @@ async fn the_service_stops_within_two_seconds_in_the_middle_of_everything() {
     let mut peer = Peer::connect(running.address).await.greet(1).await;
     until(&running, |state| state.counters.frames_taken == 3).await;
     let state = running.state.clone();
-    let began = Instant::now();
+    // Each of four stages has 450 ms, and what does not keep to them is named.
     assert_eq!(running.stop().await, Vec::<&str>::new());
-    assert!(began.elapsed() < Duration::from_secs(2), "{:?}", began.elapsed());
     assert_eq!(peer.last_word().await.unwrap().refusal.get(), Some(stars::wire::Refusal::ShuttingDown));
     let state = state.borrow();
     assert_eq!(latest(&state).unwrap().reason, Reason::Aborted);

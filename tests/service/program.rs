@@ -11,8 +11,6 @@ use stars::wire::Update;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::Arc;
-use std::time::Duration;
-use tokio::time::Instant;
 
 fn stars() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_stars"));
@@ -89,11 +87,10 @@ async fn sigterm_ends_it_cleanly_with_a_last_word_to_its_peers() {
     let (mut child, address, log) = spawn_service(&arguments);
     let mut peer = Peer::connect(address.parse().unwrap()).await.greet(1).await;
     peer.update().await;
-    let began = Instant::now();
     assert!(Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
     assert_eq!(peer.last_word().await.unwrap().refusal.get(), Some(stars::wire::Refusal::ShuttingDown));
+    // It would be 1 if a part had not ended in its time, which is under 2 s for all of them.
     assert_eq!(child.wait().unwrap().code(), Some(0));
-    assert!(began.elapsed() < Duration::from_secs(2), "{:?}", began.elapsed());
     let log = log.join().unwrap();
     assert!(log.lines().all(|line| line.contains("simulated") || line.contains("stop")), "{log}");
 }
@@ -112,6 +109,38 @@ fn a_duration_ends_it_and_a_taken_address_is_a_wrong_call() {
 }
 
 #[test]
+fn a_disk_that_is_full_keeps_whole_lines_alone() {
+    let there = tempfile::tempdir().unwrap();
+    std::fs::write(there.path().join("a.fits"), "no image").unwrap();
+    let records = there.path().join("records");
+    let settings = [
+        "network.listen=127.0.0.1:0",
+        "camera.kind=directory",
+        &format!("camera.directory={}", there.path().display()),
+        "camera.repeat=true",
+        "camera.startup_delay_s=0",
+        "camera.period_s=0.02",
+        &format!("record.directory={}", records.display()),
+    ];
+    // Files of at most 8 KiB: the write that goes beyond breaks off in the middle, as on a full disk.
+    let limited = r#"trap '' XFSZ; ulimit -f 8; exec "$0" "$@""#;
+    let run = Command::new("bash")
+        .args(["-c", limited, env!("CARGO_BIN_EXE_stars"), "run", "--duration", "3s"])
+        .args(settings.iter().flat_map(|setting| ["--set", setting]))
+        .output()
+        .unwrap();
+    let log = text(&run.stderr);
+    assert_eq!(run.status.code(), Some(0), "{log}");
+    assert!(log.contains("outcome not kept yet"), "{log}");
+    let file = std::fs::read_dir(&records).unwrap().next().unwrap().unwrap().path();
+    let kept = std::fs::read_to_string(file).unwrap();
+    assert!(kept.lines().count() > 1 && kept.ends_with('\n'), "{kept}");
+    for line in kept.lines() {
+        assert!(serde_json::from_str::<serde_json::Value>(line).is_ok(), "{line}");
+    }
+}
+
+#[test]
 fn a_list_of_bad_pixels_that_is_wrong_starts_nothing() {
     let list = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(list.path(), "12 34\nfive six\n").unwrap();
@@ -119,6 +148,18 @@ fn a_list_of_bad_pixels_that_is_wrong_starts_nothing() {
     let refused = run(&["run", "--duration", "100ms", "--set", "network.listen=127.0.0.1:0", "--set", &setting]);
     assert_eq!(refused.status.code(), Some(2));
     assert!(text(&refused.stderr).contains("line 2"), "{}", text(&refused.stderr));
+}
+
+#[test]
+fn a_camera_without_a_driver_starts_nothing_and_the_self_test_says_so() {
+    let aravis = ["--set", "network.listen=127.0.0.1:0", "--set", "record.enabled=false", "--set", "camera.kind=aravis"];
+    let refused = run(&[&["run", "--duration", "100ms"], &aravis[..]].concat());
+    assert_eq!(refused.status.code(), Some(2));
+    let complaint = text(&refused.stderr);
+    assert!(complaint.lines().count() == 1 && complaint.contains("aravis") && complaint.contains("expected"), "{complaint}");
+    let tested = run(&[&["selftest"], &aravis[..]].concat());
+    assert_eq!(tested.status.code(), Some(1));
+    assert!(text(&tested.stdout).lines().any(|line| line.starts_with("BAD") && line.contains("aravis")));
 }
 
 #[test]

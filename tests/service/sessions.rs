@@ -17,7 +17,7 @@ async fn closed(running: &Running, why: Closed) -> u32 {
     let mut state = running.state.clone();
     let counted = |state: &stars::service::State| state.counters.closed.get(&why).copied();
     let wanted = state.wait_for(|state| counted(state).is_some());
-    let state = tokio::time::timeout(Duration::from_secs(10), wanted).await.expect("not counted").unwrap();
+    let state = tokio::time::timeout(PATIENCE, wanted).await.expect("not counted").unwrap();
     counted(&state).unwrap()
 }
 
@@ -191,7 +191,7 @@ async fn peers_may_vanish_at_any_byte_and_places_are_given_back() {
         let wanted = (length / 7 + 1) as u32;
         let mut state = running.state.clone();
         let all = state.wait_for(|state| state.counters.closed.values().sum::<u32>() >= wanted);
-        drop(tokio::time::timeout(Duration::from_secs(10), all).await.expect("an end was not noticed").unwrap());
+        drop(tokio::time::timeout(PATIENCE, all).await.expect("an end was not noticed").unwrap());
     }
     assert_eq!(running.state.borrow().counters.closed.get(&Closed::TooMany), None);
     Peer::connect(running.address).await.greet(1).await.update().await;
@@ -209,6 +209,24 @@ async fn more_connections_than_places_are_turned_away() {
     assert_eq!(closed(&running, Closed::TooMany).await, 1);
     one.update().await;
     two.update().await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn strangers_that_hold_all_places_give_way_to_a_flight_computer() {
+    let mut settings = settings();
+    settings.network.max_connections = 4;
+    let running = start_without_camera(settings).await;
+    let mut first = Peer::attach(&running, WIDE).await.greet(1).await;
+    let mut strangers = Vec::new();
+    for _ in 0..10 {
+        strangers.push(Peer::attach(&running, WIDE).await);
+    }
+    let mut second = Peer::attach(&running, WIDE).await.greet(2).await;
+    second.update().await;
+    first.update().await;
+    // Ten strangers had three places, and one of those went to the computer.
+    assert_eq!(closed(&running, Closed::TooMany).await, 8);
+    assert!(strangers[0].last_word().await.is_none());
 }
 
 #[tokio::test]
