@@ -36,16 +36,19 @@ pub enum LightFit {
         doubt_px: f64,
     },
     /// Fitted to the stars measured anew.
-    Anew {
-        /// The fit.
-        fit: Fit,
-        /// The matches that it is made of.
-        matches: Vec<Assigned>,
-        /// Each source that was measured anew.
-        placed: Vec<(usize, PlacedStar)>,
-        /// Error that all stars have in common, px.
-        sigma_px: f64,
-    },
+    Anew(Box<Anew>),
+}
+
+/// A fit to stars measured by the light of all.
+pub struct Anew {
+    /// The fit.
+    pub fit: Fit,
+    /// The matches that it is made of.
+    pub matches: Vec<Assigned>,
+    /// Each source that was measured anew.
+    pub placed: Vec<(usize, PlacedStar)>,
+    /// Error that all stars have in common, px.
+    pub sigma_px: f64,
 }
 
 /// Fits the pose to the light of the matched stars, where there is reason to. `sources` get their new offsets; the first `tried` of
@@ -67,32 +70,31 @@ pub fn fit_by_light(
     }
     let kernel_px = if context.scale == 0 { 0.0 } else { (1 << context.scale) as f64 };
     let unseen = LightFit::AsFound { doubt_px: KERNEL_DOUBT * kernel_px };
-    let mut best: Option<LightFit> = None;
+    let mut best: Option<Box<Anew>> = None;
     let mut pose_fit = first.clone();
     for _ in 0..ROUNDS {
         let stars = known_stars(context, &pose_fit, matches, sources);
         let Some(light) = solver.finder.light(&solver.cells, &stars.iter().map(|(_, star)| *star).collect::<Vec<_>>()) else {
-            return best.unwrap_or(unseen);
+            return best.map_or(unseen, LightFit::Anew);
         };
         let near = light.middle.0.hypot(light.middle.1) < NEAR_PX + NEAR_SIGMAS * light.sigma;
         if near && light.axes.0 < WHOLE_LIGHT_PX && best.is_none() && context.scale == 0 {
             return LightFit::AsFound { doubt_px: 0.0 };
         }
-        let Some((fit, kept, placed)) = fit_placed(solver, context, &light, &pose_fit, matches, &stars, years) else {
-            return best.unwrap_or(unseen);
+        let Some(anew) = fit_placed(solver, context, &light, &pose_fit, matches, &stars, years) else {
+            return best.map_or(unseen, LightFit::Anew);
         };
-        pose_fit = fit.clone();
-        best = Some(LightFit::Anew { fit, matches: kept, placed, sigma_px: light.sigma });
+        pose_fit = anew.fit.clone();
+        best = Some(Box::new(anew));
     }
-    if let Some(LightFit::Anew { placed, .. }) = &best {
-        for (source, star) in placed {
-            if let Some(source) = sources.get_mut(*source) {
-                (source.left, source.up) = context.camera.offsets(star.x, star.y);
-                source.sigma = (0.5 * (star.covariance.0 + star.covariance.1)).sqrt();
-            }
+    let Some(best) = best else { return unseen };
+    for (source, star) in &best.placed {
+        if let Some(source) = sources.get_mut(*source) {
+            (source.left, source.up) = context.camera.offsets(star.x, star.y);
+            source.sigma = (0.5 * (star.covariance.0 + star.covariance.1)).sqrt();
         }
     }
-    best.unwrap_or(unseen)
+    LightFit::Anew(best)
 }
 
 /// Stars of the field that a fit puts on the picture, brightest first, with the fluxes that the matched ones let expect.
@@ -118,7 +120,6 @@ fn known_stars(context: &Context<'_>, fit: &Fit, matches: &[Assigned], sources: 
 }
 
 /// Measures every matched star by the light of all, and fits the pose to those that agree.
-#[allow(clippy::type_complexity, reason = "the three belong together here alone")]
 fn fit_placed(
     solver: &Solver,
     context: &Context<'_>,
@@ -127,7 +128,7 @@ fn fit_placed(
     matches: &[Assigned],
     stars: &[(usize, KnownStar)],
     years: f64,
-) -> Option<(Fit, Vec<Assigned>, Vec<(usize, PlacedStar)>)> {
+) -> Option<Anew> {
     let (field, geometry) = (context.field, &context.geometry);
     let mut entries: Vec<(Assigned, PlacedStar, Pair)> = matches
         .iter()
@@ -161,7 +162,7 @@ fn fit_placed(
             pose.project(&pair.star, geometry.half_diagonal).is_some_and(|(left, up)| pair.distance_sq(left, up) <= limit)
         });
     }
-    let kept = entries.iter().map(|(m, _, _)| *m).collect();
+    let matches = entries.iter().map(|(m, _, _)| *m).collect();
     let placed = entries.iter().map(|(m, star, _)| (m.source, *star)).collect();
-    result.map(|fit| (fit, kept, placed))
+    result.map(|fit| Anew { fit, matches, placed, sigma_px: light.sigma })
 }

@@ -389,15 +389,15 @@ impl Solver {
         let tried = all.len().min(self.settings.solver.sources.max_sources as usize);
         let common_px = match fit_by_light(self, context, &fit, &matches, &mut all, tried, years) {
             LightFit::AsFound { doubt_px } => doubt_px,
-            LightFit::Anew { fit: by_light, matches: kept, placed, sigma_px } => {
-                (fit, matches) = (by_light, kept);
-                for (source, star) in placed {
+            LightFit::Anew(anew) => {
+                (fit, matches) = (anew.fit, anew.matches);
+                for (source, star) in anew.placed {
                     if let Some(report) = sources.get_mut(source) {
                         (report.x, report.y, report.flux, report.snr) = (star.x, star.y, star.flux, star.snr);
                         report.sigma_px = (0.5 * (star.covariance.0 + star.covariance.1)).sqrt();
                     }
                 }
-                sigma_px
+                anew.sigma_px
             }
         };
         let mirror = (
