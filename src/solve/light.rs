@@ -24,6 +24,12 @@ const KERNEL_DOUBT: f64 = 1.5;
 /// A star further from the fit than this many σ (after inflation by the fit's own scatter) is left out; least number that is fitted.
 const CLIP_SIGMAS: f64 = 3.5;
 const LEAST_STARS: usize = 4;
+/// Stars that lie further than this from the fit, rms per axis, px, were not measured but something else near them.
+const WORST_RMS_PX: f64 = 3.0;
+/// Above this χ² per degree of freedom stars of several kinds of pieces may be among them, and the middle is not surer than this part of
+/// the rms (from rendered trails in pieces).
+const POOR_CHI2: f64 = 4.0;
+const POOR_OF_RMS: f64 = 0.5;
 /// Times that light and pose are measured in turn, and that stars are left out.
 const ROUNDS: usize = 2;
 const CLIP_ROUNDS: usize = 3;
@@ -78,8 +84,12 @@ pub fn fit_by_light(
             return best.map_or(unseen, LightFit::Anew);
         };
         let near = light.middle.0.hypot(light.middle.1) < NEAR_PX + NEAR_SIGMAS * light.sigma;
-        if near && light.axes.0 < WHOLE_LIGHT_PX && best.is_none() && context.scale == 0 {
+        let whole = near && light.axes.0 < WHOLE_LIGHT_PX;
+        if whole && best.is_none() && context.scale == 0 {
             return LightFit::AsFound { doubt_px: 0.0 };
+        }
+        if light.doubtful && !near {
+            return LightFit::AsFound { doubt_px: light.middle.0.hypot(light.middle.1).max(KERNEL_DOUBT * kernel_px) };
         }
         let Some(anew) = fit_placed(solver, context, &light, &pose_fit, matches, &stars, years) else {
             return best.map_or(unseen, LightFit::Anew);
@@ -162,7 +172,20 @@ fn fit_placed(
             pose.project(&pair.star, geometry.half_diagonal).is_some_and(|(left, up)| pair.distance_sq(left, up) <= limit)
         });
     }
+    let fit = result?;
+    let squares = entries.iter().map(|(_, _, pair)| {
+        let (left, up) = pose.project(&pair.star, geometry.half_diagonal).unwrap_or((f64::INFINITY, f64::INFINITY));
+        (pair.left - left).powi(2) + (pair.up - up).powi(2)
+    });
+    let rms_px = (squares.sum::<f64>() / (2 * entries.len()) as f64).sqrt();
+    if !(rms_px <= WORST_RMS_PX) {
+        return None;
+    }
     let matches = entries.iter().map(|(m, _, _)| *m).collect();
     let placed = entries.iter().map(|(m, star, _)| (m.source, *star)).collect();
-    result.map(|fit| Anew { fit, matches, placed, sigma_px: light.sigma })
+    // Stars that scatter more than their σ say show that the template is not quite theirs; its middle is as much less sure.
+    let scatter_sq = fit.chi2_per_dof();
+    let misfit_px = if scatter_sq > POOR_CHI2 { POOR_OF_RMS * rms_px } else { 0.0 };
+    let sigma_px = (light.sigma * scatter_sq.sqrt().max(1.0)).max(misfit_px);
+    Some(Anew { fit, matches, placed, sigma_px })
 }

@@ -11,7 +11,7 @@ use crate::catalog::{Catalogue, Field};
 use crate::image::{CellStatistics, Frame, Mask, auto_level};
 use crate::settings::Settings;
 use crate::sky::{CameraModel, DEG, HOUR, Mat3, Observer, RowOrder, Vec3, horizontal_of};
-use crate::sources::{Finder, Look, Source};
+use crate::sources::{Finder, Look, SearchKernel, Source};
 use std::sync::Arc;
 
 /// Solves frames. Holds the catalogue, the index for one field, and the memory that a frame needs. A clone shares catalogue and
@@ -37,15 +37,32 @@ struct Prepared {
     field: Field,
 }
 
-/// Scales that the robust search tries in turn after the normal one's, each with half the resolution of the one before: kernels of 2, 4
-/// and 8 px.
-const ROBUST_SCALES: usize = 3;
 /// A frame with more of its pixels saturated has no sky left to look at.
 const TOO_BRIGHT_FRACTION: f64 = 0.95;
 /// Sources that a pattern and its check need at least.
 const LEAST_SOURCES: usize = 4;
 /// A candidate less unlikely than this to be chance is worth reporting as `undecided`, ln.
 const UNDECIDED_FALSE_LN: f64 = 0.0;
+
+/// What a search is about.
+struct Search<'a> {
+    frame: &'a Frame,
+    prior: &'a Prior,
+    watch: &'a dyn Watch,
+    mask: Option<Mask>,
+}
+
+impl Search<'_> {
+    /// Whether nothing is taken from a place, px.
+    fn masked(&self) -> impl Fn(usize, usize) -> bool {
+        |x, y| self.mask.as_ref().is_some_and(|mask| mask.is_masked(x, y))
+    }
+
+    /// Whether to go on.
+    fn keep_on(&self) -> impl Fn() -> bool {
+        || self.watch.stop().is_none()
+    }
+}
 
 /// Everything about a frame that the stages after the search need.
 pub(super) struct Context<'a> {
@@ -108,41 +125,34 @@ impl Solver {
     ///
     /// The normal search first, and where it does not solve and `solver.robust` is set, the robust one.
     pub fn solve(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome {
-        let last = if self.settings.solver.robust { ROBUST_SCALES } else { 0 };
-        self.solve_scales(frame, prior, watch, 0..=last)
+        self.solve_in(frame, prior, watch, true, self.settings.solver.robust)
     }
 
     /// As [`Self::solve`], with the robust search alone: what a bench measures.
     pub fn solve_robust(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome {
-        self.solve_scales(frame, prior, watch, 1..=ROBUST_SCALES)
+        self.solve_in(frame, prior, watch, false, true)
     }
 
-    fn solve_scales(
-        &mut self,
-        frame: &Frame,
-        prior: &Prior,
-        watch: &dyn Watch,
-        scales: std::ops::RangeInclusive<usize>,
-    ) -> Outcome {
+    fn solve_in(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch, normal: bool, robust: bool) -> Outcome {
         let started = watch.elapsed();
         let mut outcome = Outcome::unsolved(frame.stamp.clone(), Reason::NoMatch, "");
         outcome.prior = prior.clone();
         if let Err((reason, detail)) = self.may_solve(frame, &mut outcome, watch) {
-            outcome.reason = reason;
-            outcome.detail = detail;
-        } else if let Err(error) = self.mask(frame).map(|mask| {
-            self.prepare(frame.width, frame.height);
-            self.finder.begin(frame, &self.cells);
-            outcome.times.find += watch.elapsed() - started - outcome.times.statistics;
-            for scale in scales {
-                outcome.mode = if scale == 0 { SearchMode::Normal } else { SearchMode::Robust };
-                if self.search_scale(frame, prior, watch, scale, mask.as_ref(), &mut outcome) {
-                    break;
+            (outcome.reason, outcome.detail) = (reason, detail);
+        } else {
+            match self.mask(frame) {
+                Ok(mask) => {
+                    self.prepare(frame.width, frame.height);
+                    self.finder.begin(frame, &self.cells);
+                    let search = Search { frame, prior, watch, mask };
+                    let done = normal && self.search_with(&search, SearchKernel::Sharp, &mut outcome);
+                    if robust && !done {
+                        outcome.mode = SearchMode::Robust;
+                        self.search_widely(&search, &mut outcome);
+                    }
                 }
+                Err(error) => (outcome.reason, outcome.detail) = (Reason::Failed, error),
             }
-        }) {
-            outcome.reason = Reason::Failed;
-            outcome.detail = error;
         }
         outcome.times.total = watch.elapsed() - started;
         outcome
@@ -206,28 +216,39 @@ impl Solver {
         Mask::new(settings, frame.width, frame.height, frame.rows).map(Some).map_err(|e| e.to_string())
     }
 
-    /// Finds and matches at one scale; `true` where the frame is done with.
-    fn search_scale(
-        &mut self,
-        frame: &Frame,
-        prior: &Prior,
-        watch: &dyn Watch,
-        scale: usize,
-        mask: Option<&Mask>,
-        outcome: &mut Outcome,
-    ) -> bool {
-        let started = watch.elapsed();
-        let masked = |x: usize, y: usize| mask.is_some_and(|m| m.is_masked(x, y));
-        let keep_on = || watch.stop().is_none();
+    /// Searches with the wide kernels, the one in which most stands out first, until the frame is done with.
+    fn search_widely(&mut self, search: &Search<'_>, outcome: &mut Outcome) {
+        let started = search.watch.elapsed();
         let settings = self.settings.clone();
-        let look = Look { settings: &settings.solver.sources, scale, masked: &masked, keep_on: &keep_on };
-        let finished = self.finder.find(frame, &self.cells, &look, &mut self.found);
+        let (masked, keep_on) = (search.masked(), search.keep_on());
+        let look = Look { settings: &settings.solver.sources, masked: &masked, keep_on: &keep_on };
+        let kernels = self.finder.survey(search.frame, &self.cells, &look);
+        outcome.times.find += search.watch.elapsed() - started;
+        let Some(kernels) = kernels else {
+            stopped(outcome, search.watch.stop().unwrap_or(Stop::Aborted));
+            return;
+        };
+        for kernel in kernels {
+            if self.search_with(search, kernel, outcome) {
+                break;
+            }
+        }
+    }
+
+    /// Finds and matches with one kernel; `true` where the frame is done with.
+    fn search_with(&mut self, search: &Search<'_>, kernel: SearchKernel, outcome: &mut Outcome) -> bool {
+        let &Search { frame, prior, watch, .. } = search;
+        let started = watch.elapsed();
+        let settings = self.settings.clone();
+        let (masked, keep_on) = (search.masked(), search.keep_on());
+        let look = Look { settings: &settings.solver.sources, masked: &masked, keep_on: &keep_on };
+        let finished = self.finder.find(frame, &self.cells, &look, kernel, &mut self.found);
         outcome.times.find += watch.elapsed() - started;
         if !finished {
             return stopped(outcome, watch.stop().unwrap_or(Stop::Aborted));
         }
         // What is reported of an unsolved frame is the search that found most.
-        if scale == 0 || self.found.len() > outcome.sources.len() {
+        if kernel == SearchKernel::Sharp || self.found.len() > outcome.sources.len() {
             self.report_sources(outcome);
         }
         if !settings.solver.matching.enabled {
@@ -248,7 +269,7 @@ impl Solver {
             outcome.detail = "the index is not there".into();
             return true;
         };
-        let context = Context { scale, ..self.context(frame, prior, watch, &prepared.field) };
+        let context = Context { scale: kernel.scale(), ..self.context(frame, prior, watch, &prepared.field) };
         self.match_sources(&context, outcome)
     }
 

@@ -2,11 +2,13 @@
 
 #![allow(clippy::indexing_slicing, reason = "a candidate's patch is among the patches of the same search")]
 
+use super::kernel::SearchKernel;
 use super::light::{KnownStar, Light, PlacedStar};
 use super::lines;
-use super::measure::{CoreTemplate, HALF, Patch, Shape, Standing, centroid, moments};
+use super::measure::{CoreTemplate, Patch, Shape, Standing, centroid, moments};
 use super::peaks::{Peak, PeakFinder, PeakRules, Taps};
-use super::plane::{Clipped, Picture, Plane, halve};
+use super::plane::{Clipped, MARGIN, Picture, Plane, halve};
+use super::trails::{self, TrailFinder};
 use crate::image::{CELL_PX, CellStatistics, Frame};
 use crate::settings::SourceSettings;
 use crate::sky::{Kernel, with_vectors};
@@ -34,6 +36,34 @@ pub struct Source {
     pub star_like: bool,
 }
 
+impl Look<'_> {
+    /// Whether a sample of the picture halved `scale` times is masked.
+    fn masked_at(&self, scale: usize) -> impl Fn(usize, usize) -> bool {
+        move |x, y| (self.masked)(x << scale, y << scale)
+    }
+
+    /// The rules for a search in a plane.
+    fn rules<'r>(
+        &self,
+        kernel: SearchKernel,
+        plane: &Plane,
+        thresholds: &'r [f32],
+        masked: &'r dyn Fn(usize, usize) -> bool,
+    ) -> PeakRules<'r> {
+        let scale = kernel.search_scale();
+        PeakRules {
+            taps: kernel.taps(),
+            ring: kernel.ring(),
+            border: (self.settings.border_px as usize >> scale).max(MARGIN),
+            cell: rules_cell(self.settings, scale),
+            per_cell: self.settings.max_per_cell as usize * PEAKS_PER_SOURCE,
+            thresholds,
+            threshold_columns: plane.width.div_ceil(CELL_PX),
+            masked,
+        }
+    }
+}
+
 /// A peak on its way to a source.
 #[derive(Debug, Clone, Copy)]
 struct Candidate {
@@ -58,8 +88,6 @@ impl Candidate {
 const PEAKS_PER_SOURCE: usize = 12;
 /// Sources nearer to a better one than this are part of it, samples.
 const SEPARATION: f32 = 4.0;
-/// What a point spread function is taken to be until the frame shows it: σ, samples.
-const FIRST_SIGMA: f32 = 1.0;
 /// Stars that the frame's own shape is taken from, the signal they need, and how many make a median.
 const SHAPE_STARS: usize = 20;
 const SHAPE_SNR: f32 = 10.0;
@@ -71,13 +99,29 @@ const USUAL_GAIN: f64 = 0.041;
 pub struct Look<'a> {
     /// Thresholds and limits.
     pub settings: &'a SourceSettings,
-    /// 0 is the picture itself, each further scale halves it.
-    pub scale: usize,
     /// Whether a place, px, is left out.
     pub masked: &'a dyn Fn(usize, usize) -> bool,
     /// Asked every few rows.
     pub keep_on: &'a dyn Fn() -> bool,
 }
+
+/// What a kernel found.
+#[derive(Debug, Clone)]
+struct Survey {
+    kernel: SearchKernel,
+    peaks: Vec<Peak>,
+    /// Sum of the squares of how far the best sources are above what a source must be.
+    score: f32,
+}
+
+/// Scales that are surveyed round, and those that are surveyed for trails: kernels of 2, 4 and 8 px; trails of 12 and 24 px.
+const ROUND_SCALES: std::ops::RangeInclusive<usize> = 1..=3;
+const TRAIL_SCALES: std::ops::RangeInclusive<usize> = 1..=2;
+/// Sources whose confidence decides what a kernel is worth: about as many as there are stars. None of them counts for more than this, so that one bright star does not decide for all.
+const DECIDING: usize = 12;
+const MOST_OF_ONE: f32 = 8.0;
+/// Peaks that a cell gives along a direction: all directions are measured before one is chosen.
+const TRAILS_PER_CELL: usize = 4;
 
 /// Finds sources, in the memory of the last frame.
 #[derive(Debug, Clone, Default)]
@@ -89,7 +133,12 @@ pub struct Finder {
     /// Scales of `halved` that belong to the present frame.
     halved_ready: usize,
     finder: PeakFinder,
+    trail_finder: TrailFinder,
+    /// The picture smoothed at the scale of the last search, above its level.
+    smooth: Plane,
     peaks: Vec<Peak>,
+    /// Peaks of the kernels that were surveyed, and how much stands out in each.
+    surveyed: Vec<Survey>,
     thresholds: Vec<f32>,
     patches: Vec<Patch>,
     candidates: Vec<Candidate>,
@@ -104,57 +153,144 @@ impl Finder {
         Clipped::excess_of(frame, cells, &mut self.excess);
         self.halved_ready = 0;
         self.psf_axes = None;
+        self.surveyed.clear();
     }
 
-    /// Finds the sources of the frame; `false` where it was told not to keep on.
-    pub fn find(&mut self, frame: &Frame, cells: &CellStatistics, look: &Look<'_>, sources: &mut Vec<Source>) -> bool {
-        let &Look { settings, scale, masked, keep_on } = look;
-        sources.clear();
-        // Stars as sharp as the optics make them are found in the picture halved once, and measured in the picture itself.
-        let (search_scale, taps, ring) = if scale == 0 { (1, Taps::SHARP, 1) } else { (scale, Taps::WIDE, 2) };
-        self.prepare_scale(frame, search_scale);
-        let Some(plane) = self.halved.get(search_scale - 1) else { return true };
-        let search_bin = 1usize << search_scale;
-        set_thresholds(
-            cells,
-            plane,
-            search_bin,
-            settings.snr_threshold as f32 * taps.noise() / Taps::WIDE.noise(),
-            &mut self.thresholds,
-        );
-        let rules = PeakRules {
-            taps,
-            ring,
-            border: (settings.border_px as usize / search_bin).max(HALF + 1),
-            cell: rules_cell(settings, search_scale),
-            per_cell: settings.max_per_cell as usize * PEAKS_PER_SOURCE,
-            thresholds: &self.thresholds,
-            threshold_columns: plane.width.div_ceil(CELL_PX),
-            masked: &|x, y| masked(x * search_bin, y * search_bin),
-        };
-        if !self.finder.find(plane, &rules, keep_on, None, &mut self.peaks) {
-            return false;
+    /// Looks with every wide kernel, and tells which are worth a search: the one in which most stands out first; `None` where it was
+    /// told not to keep on.
+    ///
+    /// Of the directions of a trail only the best is told.
+    pub fn survey(&mut self, frame: &Frame, cells: &CellStatistics, look: &Look<'_>) -> Option<Vec<SearchKernel>> {
+        self.surveyed.clear();
+        for scale in ROUND_SCALES {
+            let kernel = SearchKernel::Round { scale };
+            let mut peaks = Vec::new();
+            if !self.find_peaks(frame, cells, look, kernel, &mut peaks) {
+                return None;
+            }
+            let round = self.judged(frame, cells, look, kernel, peaks);
+            self.surveyed.push(round);
+            if !TRAIL_SCALES.contains(&scale) {
+                continue;
+            }
+            let mut best: Option<Survey> = None;
+            for direction in 0..trails::DIRECTIONS {
+                let kernel = SearchKernel::Trail { scale, direction };
+                let mut peaks = Vec::new();
+                self.find_trails(look, kernel, direction, &mut peaks);
+                let trail = self.judged(frame, cells, look, kernel, peaks);
+                if best.as_ref().is_none_or(|best| trail.score > best.score) {
+                    best = Some(trail);
+                }
+                if !(look.keep_on)() {
+                    return None;
+                }
+            }
+            self.surveyed.extend(best);
         }
+        self.surveyed.sort_by(|a, b| b.score.total_cmp(&a.score));
+        Some(self.surveyed.iter().map(|survey| survey.kernel).collect())
+    }
+
+    /// What a kernel's peaks are worth: how confident the best of those are that have its shape.
+    fn judged(
+        &mut self,
+        frame: &Frame,
+        cells: &CellStatistics,
+        look: &Look<'_>,
+        kernel: SearchKernel,
+        peaks: Vec<Peak>,
+    ) -> Survey {
+        self.peaks = peaks;
+        self.measure_peaks(frame, cells, look, kernel);
+        let stars = self.candidates.iter().filter(|c| c.is_star_like());
+        let mut confidences: Vec<f32> = stars.map(|c| c.standing.confidence.min(MOST_OF_ONE)).collect();
+        confidences.sort_unstable_by(|a, b| b.total_cmp(a));
+        // What any noise has counts for nothing.
+        let score = confidences.iter().take(DECIDING).map(|c| (c - look.settings.min_snr as f32).max(0.0).powi(2)).sum();
+        Survey { kernel, peaks: std::mem::take(&mut self.peaks), score }
+    }
+
+    /// Measures the peaks with the first guess of a kernel's shape.
+    fn measure_peaks(&mut self, frame: &Frame, cells: &CellStatistics, look: &Look<'_>, kernel: SearchKernel) {
+        let scale = kernel.scale();
         let bin = 1usize << scale;
         let noise = |x: usize, y: usize| cells.local_noise(x * bin, y * bin) / bin as f32;
         let lists = (&mut self.candidates, &mut self.patches);
-        let (peaks, least) = (&self.peaks, settings.min_snr as f32);
-        if scale == 0 {
-            let picture = &Clipped::new(frame, &self.excess);
-            with_vectors(MeasurePeaks { picture, finer: search_bin, peaks, noise: &noise, least, lists });
-        } else {
-            with_vectors(MeasurePeaks { picture: plane, finer: 1, peaks, noise: &noise, least, lists });
+        let (peaks, least) = (&self.peaks, look.settings.min_snr as f32);
+        match self.halved.get(scale.wrapping_sub(1)) {
+            Some(picture) => with_vectors(MeasurePeaks { picture, finer: 1, kernel, peaks, noise: &noise, least, lists }),
+            None => {
+                let (picture, finer) = (&Clipped::new(frame, &self.excess), 1 << kernel.search_scale());
+                with_vectors(MeasurePeaks { picture, finer, kernel, peaks, noise: &noise, least, lists });
+            }
         }
+    }
+
+    /// Finds the sources of the frame; `false` where it was told not to keep on.
+    pub fn find(
+        &mut self,
+        frame: &Frame,
+        cells: &CellStatistics,
+        look: &Look<'_>,
+        kernel: SearchKernel,
+        sources: &mut Vec<Source>,
+    ) -> bool {
+        sources.clear();
+        let settings = look.settings;
+        let mut peaks = std::mem::take(&mut self.peaks);
+        let finished = match self.surveyed.iter_mut().find(|survey| survey.kernel == kernel) {
+            Some(survey) => {
+                std::mem::swap(&mut peaks, &mut survey.peaks);
+                true
+            }
+            None => self.find_peaks(frame, cells, look, kernel, &mut peaks),
+        };
+        self.peaks = peaks;
+        if !finished {
+            return false;
+        }
+        let scale = kernel.scale();
+        let bin = 1usize << scale;
+        self.measure_peaks(frame, cells, look, kernel);
         let saturation = cells.saturation.map_or(f32::INFINITY, |level| SATURATED_FROM * f32::from(level));
         for candidate in &mut self.candidates {
             candidate.saturated = self.patches[candidate.patch].highest() >= saturation;
         }
         self.mark_lines();
         self.rank(rules_cell(settings, scale), settings.max_per_cell as usize, settings.max_found as usize);
-        with_vectors(MeasureSources { finder: self, cells, bin, sources });
+        with_vectors(MeasureSources { finder: self, cells, bin, first: kernel.shape(), sources });
         // Stars first; among equals the surest first. A stable sort, so that the same frame gives the same order.
         sources.sort_by(|a, b| b.star_like.cmp(&a.star_like).then(b.confidence.total_cmp(&a.confidence)));
         true
+    }
+
+    /// The peaks of a round kernel; `false` where it was told not to keep on.
+    fn find_peaks(
+        &mut self,
+        frame: &Frame,
+        cells: &CellStatistics,
+        look: &Look<'_>,
+        kernel: SearchKernel,
+        peaks: &mut Vec<Peak>,
+    ) -> bool {
+        let scale = kernel.search_scale();
+        self.prepare_scale(frame, scale);
+        let Some(plane) = self.halved.get(scale - 1) else { return true };
+        let snr = look.settings.snr_threshold as f32 * kernel.taps().noise() / Taps::WIDE.noise();
+        set_thresholds(cells, plane, 1 << scale, snr, &mut self.thresholds);
+        let masked = look.masked_at(scale);
+        let rules = look.rules(kernel, plane, &self.thresholds, &masked);
+        let whole = (kernel != SearchKernel::Sharp).then_some(&mut self.smooth);
+        self.finder.find(plane, &rules, look.keep_on, whole, peaks)
+    }
+
+    /// The peaks along a direction, in the smoothed picture of the round kernel just searched with.
+    fn find_trails(&mut self, look: &Look<'_>, kernel: SearchKernel, direction: usize, peaks: &mut Vec<Peak>) {
+        let thresholds: Vec<f32> = self.thresholds.iter().map(|threshold| trails::noise(direction) * threshold).collect();
+        let masked = look.masked_at(kernel.scale());
+        let rules = PeakRules { per_cell: TRAILS_PER_CELL, ..look.rules(kernel, &self.smooth, &thresholds, &masked) };
+        self.trail_finder.find(&self.smooth, &rules, direction, peaks);
     }
 
     /// Where the light of stars at known places lies, brightest first; `None` where it cannot be told.
@@ -216,13 +352,13 @@ impl Finder {
 
     /// The median shape of the better stars, where there are enough.
     #[inline(always)]
-    fn frame_shape(&self) -> Option<Shape> {
+    fn frame_shape(&self, first: Shape) -> Option<Shape> {
         let good = |c: &&Candidate| c.is_star_like() && c.standing.snr >= SHAPE_SNR && !c.saturated;
-        let mut shapes = [Shape::round(FIRST_SIGMA); SHAPE_STARS];
+        let mut shapes = [first; SHAPE_STARS];
         let mut count = 0;
         for candidate in self.candidates.iter().filter(good).take(SHAPE_STARS) {
             let patch = &self.patches[candidate.patch];
-            if let Some(shape) = moments(patch, candidate.standing.base, Shape::round(FIRST_SIGMA)) {
+            if let Some(shape) = moments(patch, candidate.standing.base, first) {
                 shapes[count] = shape;
                 count += 1;
             }
@@ -260,6 +396,7 @@ struct MeasurePeaks<'a, P> {
     picture: &'a P,
     /// Samples of the picture along one sample of the plane that the peaks were found in.
     finer: usize,
+    kernel: SearchKernel,
     peaks: &'a [Peak],
     noise: &'a dyn Fn(usize, usize) -> f32,
     /// Least signal to noise.
@@ -272,10 +409,10 @@ impl<P: Picture> Kernel for MeasurePeaks<'_, P> {
 
     #[inline(always)]
     fn run(self) {
-        let MeasurePeaks { picture, finer, peaks, noise, least, lists: (candidates, patches) } = self;
+        let MeasurePeaks { picture, finer, kernel, peaks, noise, least, lists: (candidates, patches) } = self;
         candidates.clear();
         patches.clear();
-        let template = CoreTemplate::new(&Shape::round(FIRST_SIGMA));
+        let template = CoreTemplate::new(&kernel.shape());
         for &peak in peaks {
             let mut peak = Peak { x: peak.x * finer, y: peak.y * finer, ..peak };
             let Some(mut patch) = Patch::cut(picture, peak.x, peak.y) else { continue };
@@ -289,7 +426,9 @@ impl<P: Picture> Kernel for MeasurePeaks<'_, P> {
             }
             patch.level_out();
             let sigma = noise(peak.x, peak.y);
-            let standing = Standing::measure(&patch, &template, sigma);
+            let mut standing = Standing::measure(&patch, &template, sigma);
+            // A trail is a ridge.
+            standing.on_ridge &= !matches!(kernel, SearchKernel::Trail { .. });
             if standing.confidence >= least {
                 candidates.push(Candidate { peak, patch: patches.len(), sigma, standing, saturated: false, in_line: false });
                 patches.push(patch);
@@ -303,6 +442,8 @@ struct MeasureSources<'a> {
     finder: &'a mut Finder,
     cells: &'a CellStatistics,
     bin: usize,
+    /// What a star is taken for until the frame shows it.
+    first: Shape,
     sources: &'a mut Vec<Source>,
 }
 
@@ -311,16 +452,17 @@ impl Kernel for MeasureSources<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let MeasureSources { finder, cells, bin, sources } = self;
-        let shape = finder.frame_shape();
+        let MeasureSources { finder, cells, bin, first, sources } = self;
+        let shape = finder.frame_shape(first);
         finder.psf_axes = shape.map(|s| s.axes()).map(|(a, b)| (f64::from(a) * bin as f64, f64::from(b) * bin as f64));
-        let shape = shape.unwrap_or(Shape::round(FIRST_SIGMA));
+        let shape = shape.unwrap_or(first);
         // The gain of a mean of bin² pixels.
         let gain = (cells.gain.unwrap_or(USUAL_GAIN) / (bin * bin) as f64) as f32;
         let template = CoreTemplate::new(&shape);
         for candidate in &mut finder.candidates {
             let patch = &finder.patches[candidate.patch];
-            candidate.standing = Standing::measure(patch, &template, candidate.sigma);
+            let on_ridge = candidate.standing.on_ridge;
+            candidate.standing = Standing { on_ridge, ..Standing::measure(patch, &template, candidate.sigma) };
             sources.push(source_of(candidate, patch, &shape, gain, bin));
         }
     }

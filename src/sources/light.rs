@@ -17,13 +17,15 @@ const N: usize = SIDE * SIDE;
 /// Bins at the border from which the sky under a star is taken.
 const RIM: usize = 3;
 /// Stars laid on top of each other: the brightest, which decide.
-const MOST_STARS: usize = 40;
+const MOST_STARS: usize = 20;
 const LEAST_STARS: usize = 4;
-/// A bin shows light where the mean of the nine around it stands this many σ above the sky; a piece of light that is not chance, and not
-/// a neighbour that many stars happen to have.
+/// A bin shows light where the mean of the nine around it stands this many σ above the sky; and a piece of light is not chance above this.
 const LIGHT_SIGMAS: f32 = 3.5;
 const PIECE_SNR: f32 = 5.0;
-const PIECE_SHARE: f32 = 0.15;
+/// Exposures of a series are equally long: a piece has not less of the light than this, of the brightest one (which may be two that touch).
+const PIECE_SHARE: f32 = 0.35;
+/// Bins further than this from a place are not the light of one round star there.
+const NEAR: f64 = 3.0;
 /// A star further from its place than this is another, bins.
 const FURTHEST: f64 = 5.0;
 /// Least signal to noise of a star that is measured.
@@ -68,12 +70,14 @@ pub struct Light {
     pub sigma: f64,
     /// Root mean square extent along the long and the short axis, px.
     pub axes: (f64, f64),
+    /// Too few stars are bright enough to tell whether all of this light is theirs.
+    pub doubtful: bool,
 }
 
 impl Light {
     /// The light of stars at known places; `None` where there are too few of them, or no light at their places.
     pub fn of(plane: &Plane, cells: &CellStatistics, stars: &[KnownStar]) -> Option<Self> {
-        let mut seen: Vec<(KnownStar, f32, Vec<f32>)> = Vec::new();
+        let mut seen: Vec<Seen> = Vec::new();
         for star in stars {
             let noise = cells.local_noise(star.x.max(0.0) as usize, star.y.max(0.0) as usize) / BIN_PX as f32;
             if noise > 0.0
@@ -115,18 +119,27 @@ impl Light {
                     weighted_median(&mut column)
                 })
                 .collect();
-            light = Some(Self::of_stack(&stack, sigma)?);
+            light = Some(Self::of_stack(&stack, sigma, &seen)?);
         }
         light
     }
 
     /// The light in a stack whose bins have the noise `sigma`.
-    fn of_stack(stack: &[f32], sigma: f32) -> Option<Self> {
+    fn of_stack(stack: &[f32], sigma: f32, seen: &[Seen]) -> Option<Self> {
         let pieces = pieces_of(stack, sigma);
         let brightest = pieces.iter().map(|p| p.flux).fold(0.0, f32::max);
         let mut lit = vec![false; N];
+        let mut doubtful = false;
         for piece in pieces.iter().filter(|p| p.snr >= PIECE_SNR && p.flux >= PIECE_SHARE * brightest) {
-            piece.bins.iter().for_each(|&bin| lit[bin] = true);
+            // What reaches out of the middle must belong to the stars for itself.
+            let (near, far): (Vec<usize>, Vec<usize>) = piece.bins.iter().partition(|&&n| place(n).0.hypot(place(n).1) <= NEAR);
+            for part in [near, far].into_iter().filter(|part| !part.is_empty()) {
+                let belongs = belongs_to_stars(&part, stack, seen);
+                if belongs != Some(false) {
+                    part.iter().for_each(|&bin| lit[bin] = true);
+                    doubtful |= belongs.is_none();
+                }
+            }
         }
         let lit = grown(&lit, 1);
         let total: f32 = (0..N).filter(|&n| lit[n]).map(|n| stack[n]).sum();
@@ -157,6 +170,7 @@ impl Light {
             middle: (bin * mx, bin * my),
             sigma: bin * f64::from(sigma / total) * (0.5 * spread).sqrt(),
             axes: (bin * (mean + half).max(0.0).sqrt(), bin * (mean - half).max(0.0).sqrt()),
+            doubtful,
         })
     }
 
@@ -189,17 +203,26 @@ impl Light {
         /// A step this small, of a bin, ends the fit.
         const SETTLED: f64 = 0.01;
         let noise = f64::from(cells.local_noise(star.x.max(0.0) as usize, star.y.max(0.0) as usize)) / BIN_PX as f64;
+        let (gx, gy) = sky_slope(plane, star)?;
+        // The template stands still and the picture is taken where the star is thought to be: one matrix does for all steps.
+        let slopes = |n: usize| {
+            let at = |m: usize| f64::from(self.shares[m]);
+            Vector4::new(at(n), 1.0, 0.5 * (at(n - 1) - at(n + 1)), 0.5 * (at(n - SIDE) - at(n + SIDE)))
+        };
+        let mut normal = Matrix4::<f64>::zeros();
+        for &n in &self.window {
+            let slopes = slopes(n);
+            normal += slopes * slopes.transpose();
+        }
+        let inverse = normal.cholesky()?.inverse();
         let (mut dx, mut dy) = (0.0, 0.0);
         for step in 0..STEPS {
-            let bins = bins_around(plane, star.x + BIN_PX as f64 * dx, star.y + BIN_PX as f64 * dy)?;
-            let (mut normal, mut right) = (Matrix4::<f64>::zeros(), Vector4::<f64>::zeros());
+            let corner = corner_of(plane, star.x + BIN_PX as f64 * dx, star.y + BIN_PX as f64 * dy)?;
+            let mut right = Vector4::<f64>::zeros();
             for &n in &self.window {
-                let at = |m: usize| f64::from(self.shares[m]);
-                let slopes = Vector4::new(at(n), 1.0, 0.5 * (at(n - 1) - at(n + 1)), 0.5 * (at(n - SIDE) - at(n + SIDE)));
-                normal += slopes * slopes.transpose();
-                right += slopes * f64::from(bins[n]);
+                let (x, y) = place(n);
+                right += slopes(n) * (f64::from(corner.bin(plane, n)) - gx * x - gy * y);
             }
-            let inverse = normal.cholesky()?.inverse();
             let found = inverse * right;
             let amplitude = found[0];
             let snr = amplitude / (noise * inverse[(0, 0)].sqrt());
@@ -226,17 +249,52 @@ impl Light {
     }
 }
 
+/// A star, the noise of a bin there, and the bins around it.
+type Seen = (KnownStar, f32, Vec<f32>);
+
 /// A connected piece of light.
 struct Piece {
     bins: Vec<usize>,
+    /// Share of a star's light.
     flux: f32,
     snr: f32,
 }
 
-/// The connected pieces of a stack that stand above its noise.
+/// Whether the light in some bins belongs to the stars: those bright enough to tell have it, each in proportion to its own light. What
+/// clouds look like under some of them does not grow with them. `None` where hardly a star can tell.
+fn belongs_to_stars(bins: &[usize], stack: &[f32], seen: &[Seen]) -> Option<bool> {
+    const TELLING_SIGMAS: f32 = 3.0;
+    const LEAST_TELLING: usize = 3;
+    const LEAST_OF_SHARE: f32 = 0.4;
+    const MOST_OF_SHARE: f32 = 2.0;
+    const LEAST_HAVE: f32 = 0.7;
+    let share: f32 = bins.iter().map(|&n| stack[n]).sum();
+    let (mut telling, mut have) = (0, 0);
+    for (star, noise, around) in seen {
+        let flux = (star.flux / (BIN_PX * BIN_PX) as f64) as f32;
+        let margin = TELLING_SIGMAS * noise * (bins.len() as f32).sqrt();
+        if share * flux >= margin {
+            telling += 1;
+            let light: f32 = bins.iter().map(|&n| around[n]).sum();
+            have += usize::from(light >= LEAST_OF_SHARE * share * flux && light <= MOST_OF_SHARE * share * flux + margin);
+        }
+    }
+    (telling >= LEAST_TELLING).then_some(have as f32 >= LEAST_HAVE * telling as f32)
+}
+
+/// The connected pieces of a stack that stand above its noise: that of its bins, `sigma`, or that which it shows itself (clouds under the
+/// stars are no noise of single bins).
 fn pieces_of(stack: &[f32], sigma: f32) -> Vec<Piece> {
-    let mean_of_nine = |n: usize| around(n).map(|m| stack[m]).sum::<f32>() / 9.0;
-    let mut open: Vec<bool> = (0..N).map(|n| is_inner(n) && mean_of_nine(n) > LIGHT_SIGMAS * sigma / 3.0).collect();
+    /// σ of a normal distribution over its median absolute deviation.
+    const SIGMA_PER_DEVIATION: f32 = 1.482_6;
+    let smooth: Vec<f32> =
+        (0..N).map(|n| if is_inner(n) { around(n).map(|m| stack[m]).sum::<f32>() / 9.0 } else { 0.0 }).collect();
+    let mut deviations: Vec<f32> = (0..N).filter(|&n| is_inner(n)).map(|n| smooth[n].abs()).collect();
+    let middle = deviations.len() / 2;
+    let shown = SIGMA_PER_DEVIATION * *deviations.select_nth_unstable_by(middle, f32::total_cmp).1;
+    // Of nine bins each.
+    let sigma_of_nine = shown.max(sigma / 3.0);
+    let mut open: Vec<bool> = smooth.iter().map(|light| *light > LIGHT_SIGMAS * sigma_of_nine).collect();
     let mut pieces = Vec::new();
     for first in 0..N {
         if !open[first] {
@@ -254,7 +312,9 @@ fn pieces_of(stack: &[f32], sigma: f32) -> Vec<Piece> {
             }
         }
         let flux: f32 = bins.iter().map(|&bin| stack[bin]).sum();
-        pieces.push(Piece { flux, snr: flux / (sigma * (bins.len() as f32).sqrt()), bins });
+        // As many nines as there are in the bins are independent.
+        let noise = sigma_of_nine * 3.0 * (bins.len() as f32).sqrt();
+        pieces.push(Piece { flux, snr: flux / noise, bins });
     }
     pieces
 }
@@ -298,45 +358,71 @@ fn place(n: usize) -> (f64, f64) {
     ((n % SIDE) as f64 - REACH as f64, (n / SIDE) as f64 - REACH as f64)
 }
 
-/// The bins around a place, px, the middle of the middle one there, above the sky at their rim; `None` where they reach over the border.
-fn bins_around(plane: &Plane, x: f64, y: f64) -> Option<Vec<f32>> {
+/// The corner of a square of bins, between those of the plane.
+struct Corner {
+    x: usize,
+    y: usize,
+    /// Part of a bin beyond it.
+    fx: f32,
+    fy: f32,
+}
+
+impl Corner {
+    /// A bin of the square, interpolated.
+    #[inline]
+    fn bin(&self, plane: &Plane, n: usize) -> f32 {
+        let at = (self.y + n / SIDE) * plane.width + self.x + n % SIDE;
+        let (top, bottom) = (&plane.pixels[at..at + 2], &plane.pixels[at + plane.width..at + plane.width + 2]);
+        let upper = top[0] + self.fx * (top[1] - top[0]);
+        let lower = bottom[0] + self.fx * (bottom[1] - bottom[0]);
+        upper + self.fy * (lower - upper)
+    }
+}
+
+/// The corner of the bins whose middle one has its middle at a place, px; `None` where they reach over the border.
+fn corner_of(plane: &Plane, x: f64, y: f64) -> Option<Corner> {
     // The middle of bin i is at 2 i + ½ px.
     let corner = |c: f64| (c - 0.5 * (BIN_PX as f64 - 1.0)) / BIN_PX as f64 - REACH as f64;
     let (cx, cy) = (corner(x), corner(y));
-    if !(cx >= 0.0 && cy >= 0.0 && cx + SIDE as f64 + 1.0 < plane.width as f64 && cy + SIDE as f64 + 1.0 < plane.height as f64) {
-        return None;
-    }
-    let (x0, y0) = (cx as usize, cy as usize);
-    let (fx, fy) = ((cx - x0 as f64) as f32, (cy - y0 as f64) as f32);
-    let mut bins = Vec::with_capacity(N);
-    for j in 0..SIDE {
-        let (top, bottom) = (&plane.row(y0 + j)[x0..=x0 + SIDE], &plane.row(y0 + j + 1)[x0..=x0 + SIDE]);
-        for i in 0..SIDE {
-            let upper = top[i] + fx * (top[i + 1] - top[i]);
-            let lower = bottom[i] + fx * (bottom[i + 1] - bottom[i]);
-            bins.push(upper + fy * (lower - upper));
-        }
-    }
-    take_off_sky(&mut bins);
-    Some(bins)
+    let inside =
+        cx >= 0.0 && cy >= 0.0 && cx + SIDE as f64 + 1.0 < plane.width as f64 && cy + SIDE as f64 + 1.0 < plane.height as f64;
+    inside.then(|| {
+        let (x, y) = (cx as usize, cy as usize);
+        Corner { x, y, fx: (cx - x as f64) as f32, fy: (cy - y as f64) as f32 }
+    })
 }
 
-/// Takes off the sky and its slope, as the medians of the four sides of the rim tell them.
-fn take_off_sky(bins: &mut [f32]) {
-    let side = |is_in: &dyn Fn(usize, usize) -> bool| {
-        let mut side: Vec<f32> =
-            bins.iter().enumerate().filter(|(n, _)| is_in(n % SIDE, n / SIDE)).map(|(_, bin)| *bin).collect();
-        let middle = side.len() / 2;
-        *side.select_nth_unstable_by(middle, f32::total_cmp).1
-    };
-    let (left, right) = (side(&|x, _| x < RIM), side(&|x, _| x + RIM >= SIDE));
-    let (top, bottom) = (side(&|_, y| y < RIM), side(&|_, y| y + RIM >= SIDE));
-    let apart = (SIDE - RIM) as f32;
-    let (gx, gy, base) = ((right - left) / apart, (bottom - top) / apart, 0.25 * ((left + right) + (top + bottom)));
+/// The bins around a place, px, above the sky and its slope.
+fn bins_around(plane: &Plane, x: f64, y: f64) -> Option<Vec<f32>> {
+    let corner = corner_of(plane, x, y)?;
+    let mut bins: Vec<f32> = (0..N).map(|n| corner.bin(plane, n)).collect();
+    let (base, gx, gy) = sky_of(&|n| bins[n]);
     for (n, bin) in bins.iter_mut().enumerate() {
         let (x, y) = place(n);
         *bin -= base + gx * x as f32 + gy * y as f32;
     }
+    Some(bins)
+}
+
+/// Slope of the sky under a star, ADU a bin.
+fn sky_slope(plane: &Plane, star: &KnownStar) -> Option<(f64, f64)> {
+    let corner = corner_of(plane, star.x, star.y)?;
+    let (_, gx, gy) = sky_of(&|n| corner.bin(plane, n));
+    Some((f64::from(gx), f64::from(gy)))
+}
+
+/// The sky at the middle and its slopes, as the medians of the four sides of the rim tell them.
+fn sky_of(bin: &dyn Fn(usize) -> f32) -> (f32, f32, f32) {
+    let side = |is_in: &dyn Fn(usize, usize) -> bool| {
+        let mut side = [0f32; RIM * SIDE];
+        let inside = (0..N).filter(|n| is_in(n % SIDE, n / SIDE));
+        side.iter_mut().zip(inside).for_each(|(out, n)| *out = bin(n));
+        *side.select_nth_unstable_by(RIM * SIDE / 2, f32::total_cmp).1
+    };
+    let (left, right) = (side(&|x, _| x < RIM), side(&|x, _| x + RIM >= SIDE));
+    let (top, bottom) = (side(&|_, y| y < RIM), side(&|_, y| y + RIM >= SIDE));
+    let apart = (SIDE - RIM) as f32;
+    (0.25 * ((left + right) + (top + bottom)), (right - left) / apart, (bottom - top) / apart)
 }
 
 #[cfg(test)]

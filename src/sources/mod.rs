@@ -5,11 +5,14 @@
 //! the resolution and so a kernel twice as wide, for pictures out of focus. Uses `image` and `settings`.
 
 mod finder;
+mod kernel;
 mod light;
 mod lines;
 mod measure;
 mod peaks;
 mod plane;
+mod trails;
 
 pub use finder::{Finder, Look, Source};
+pub use kernel::SearchKernel;
 pub use light::{KnownStar, Light, PlacedStar};

@@ -1,0 +1,160 @@
+//! Trails: where a picture stands above its surroundings along a short straight line.
+//!
+//! A gondola that moves draws every star as the same trail. Along its direction the mean of a few samples collects the light that a
+//! round kernel leaves out. The direction is not known: all are tried on the smoothed picture.
+
+#![allow(clippy::indexing_slicing, reason = "a numeric kernel: rows are cut from the plane's own size")]
+
+use super::measure::Shape;
+use super::peaks::{Peak, PeakRules, scan_row};
+use super::plane::Plane;
+use crate::sky::{Kernel, with_vectors};
+
+/// Directions over half a turn.
+pub const DIRECTIONS: usize = 8;
+/// Of the smoothed picture a trail takes the sample in the middle and one to either side, this far along x and y; the smoothing joins
+/// what lies between.
+const ARMS: [(isize, usize); DIRECTIONS] = [(2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (-1, 2), (-2, 2), (-2, 1)];
+
+/// Noise of the mean of three samples over that of the smoothed picture, whose samples are correlated.
+pub fn noise(direction: usize) -> f32 {
+    /// Correlation of three taps of a Gaussian of σ 1 with themselves 0 to 4 samples on.
+    const CORRELATION: [f32; 5] = [1.0, 0.700, 0.212, 0.0, 0.0];
+    let (dx, dy) = ARMS[direction % DIRECTIONS];
+    let at = |times: usize| {
+        let of = |d: usize| CORRELATION.get(times * d).copied().unwrap_or(0.0);
+        of(dx.unsigned_abs()) * of(dy)
+    };
+    ((3.0 + 4.0 * at(1) + 2.0 * at(2)) / 9.0).sqrt()
+}
+
+/// The shape of a trail as long as the kernel, samples².
+pub fn shape_of(direction: usize) -> Shape {
+    let (dx, dy) = ARMS[direction % DIRECTIONS];
+    let (dx, dy) = (dx as f32, dy as f32);
+    // A line of length L has the variance L²/12 along itself; across it is as wide as a round star. The three samples stand for a line
+    // three times as long as an arm.
+    const LENGTHS_SQ: f32 = 9.0 / 12.0;
+    Shape { xx: LENGTHS_SQ * dx * dx + 1.0, yy: LENGTHS_SQ * dy * dy + 1.0, xy: LENGTHS_SQ * dx * dy }
+}
+
+/// The memory of a search.
+#[derive(Debug, Clone, Default)]
+pub struct TrailFinder {
+    sums: [Vec<f32>; 3],
+    cells: Vec<Vec<Peak>>,
+}
+
+impl TrailFinder {
+    /// Finds the peaks of a smoothed picture along a direction, cell after cell, the highest of each first. `rules`: as for the smoothed
+    /// picture itself, with thresholds for this kernel's noise.
+    pub fn find(&mut self, smooth: &Plane, rules: &PeakRules<'_>, direction: usize, peaks: &mut Vec<Peak>) {
+        with_vectors(Search { finder: self, smooth, rules, direction, peaks });
+    }
+
+    #[inline(always)]
+    fn search(&mut self, smooth: &Plane, rules: &PeakRules<'_>, direction: usize, peaks: &mut Vec<Peak>) {
+        peaks.clear();
+        let (width, height) = (smooth.width, smooth.height);
+        if width <= 2 * rules.border || height <= 2 * rules.border || rules.cell == 0 {
+            return;
+        }
+        let columns = width.div_ceil(rules.cell);
+        self.cells.resize_with(columns * height.div_ceil(rules.cell), Vec::new);
+        self.cells.iter_mut().for_each(Vec::clear);
+        self.sums.iter_mut().for_each(|row| row.resize(width, 0.0));
+        let (dx, dy) = ARMS[direction % DIRECTIONS];
+        let first = rules.border - 1;
+        for y in first..height - first {
+            mean_of_three([smooth.row(y - dy), smooth.row(y), smooth.row(y + dy)], dx, &mut self.sums[y % 3]);
+            if y >= first + 2 {
+                let rows = [&self.sums[(y + 1) % 3][..], &self.sums[(y + 2) % 3], &self.sums[y % 3]];
+                scan_row(rows, y - 1, columns, rules, &mut self.cells);
+            }
+        }
+        for cell in &self.cells {
+            peaks.extend_from_slice(cell);
+        }
+    }
+}
+
+struct Search<'a> {
+    finder: &'a mut TrailFinder,
+    smooth: &'a Plane,
+    rules: &'a PeakRules<'a>,
+    direction: usize,
+    peaks: &'a mut Vec<Peak>,
+}
+
+impl Kernel for Search<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.finder.search(self.smooth, self.rules, self.direction, self.peaks);
+    }
+}
+
+/// Means of each sample of the middle row, the one `dx` before it in the first row, and the one `dx` after it in the last.
+#[inline(always)]
+fn mean_of_three(rows: [&[f32]; 3], dx: isize, out: &mut [f32]) {
+    let reach = dx.unsigned_abs();
+    let n = out.len() - 2 * reach;
+    let (before, after) = if dx < 0 { (2 * reach, 0) } else { (0, 2 * reach) };
+    let (one, here, other) = (&rows[0][before..][..n], &rows[1][reach..][..n], &rows[2][after..][..n]);
+    let out = &mut out[reach..][..n];
+    for x in 0..n {
+        out[x] = (one[x] + here[x] + other[x]) * (1.0 / 3.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::peaks::{PeakFinder, Taps};
+    use super::*;
+
+    /// A picture with one faint trail of six samples at (60, 50) in a direction.
+    fn trail(direction: usize) -> Plane {
+        let (dx, dy) = (ARMS[direction].0 as f32, ARMS[direction].1 as f32);
+        let (sin, cos) = (dy / dx.hypot(dy), dx / dx.hypot(dy));
+        let light = |n: usize| {
+            let (x, y) = ((n % 128) as f32 - 60.0, (n / 128) as f32 - 50.0);
+            (0..7)
+                .map(|i| {
+                    let t = i as f32 - 3.0;
+                    (-0.5 * ((x - t * cos).powi(2) + (y - t * sin).powi(2))).exp()
+                })
+                .sum::<f32>()
+        };
+        Plane { width: 128, height: 96, pixels: (0..128 * 96).map(|n| 10.0 * light(n)).collect() }
+    }
+
+    #[test]
+    fn a_trail_stands_out_most_in_its_own_direction() {
+        let thresholds = vec![0.5; 8 * 6];
+        let rules = PeakRules {
+            taps: Taps::WIDE,
+            ring: 2,
+            border: 10,
+            cell: 64,
+            per_cell: 4,
+            thresholds: &thresholds,
+            threshold_columns: 8,
+            masked: &|_, _| false,
+        };
+        for direction in 0..DIRECTIONS {
+            let (mut smooth, mut peaks) = (Plane::default(), Vec::new());
+            assert!(PeakFinder::default().find(&trail(direction), &rules, &|| true, Some(&mut smooth), &mut peaks));
+            let height = |d: usize| {
+                let mut peaks = Vec::new();
+                TrailFinder::default().find(&smooth, &rules, d, &mut peaks);
+                let highest = peaks.iter().max_by(|a, b| a.height.total_cmp(&b.height)).unwrap();
+                assert!(highest.x.abs_diff(60) <= 1 && highest.y.abs_diff(50) <= 1, "{highest:?}");
+                highest.height
+            };
+            let own = height(direction);
+            let across = height((direction + DIRECTIONS / 2) % DIRECTIONS);
+            assert!(own > 1.5 * across, "{direction}: {own} against {across}");
+        }
+    }
+}
