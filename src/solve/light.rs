@@ -25,7 +25,7 @@ const KERNEL_DOUBT: f64 = 1.5;
 const CLIP_SIGMAS: f64 = 3.5;
 const LEAST_STARS: usize = 4;
 /// Stars that lie further than this from the fit, rms per axis, px, were not measured but something else near them.
-const WORST_RMS_PX: f64 = 3.0;
+const WORST_RMS_PX: f64 = 2.0;
 /// Above this χ² per degree of freedom stars of several kinds of pieces may be among them, and the middle is not surer than this part of
 /// the rms (from rendered trails in pieces).
 const POOR_CHI2: f64 = 4.0;
@@ -88,11 +88,13 @@ pub fn fit_by_light(
         if whole && best.is_none() && context.scale == 0 {
             return LightFit::AsFound { doubt_px: 0.0 };
         }
+        // The light is elsewhere, and not known well enough: so far may everything be off.
+        let elsewhere = LightFit::AsFound { doubt_px: light.middle.0.hypot(light.middle.1).max(KERNEL_DOUBT * kernel_px) };
         if light.doubtful && !near {
-            return LightFit::AsFound { doubt_px: light.middle.0.hypot(light.middle.1).max(KERNEL_DOUBT * kernel_px) };
+            return elsewhere;
         }
         let Some(anew) = fit_placed(solver, context, &light, &pose_fit, matches, &stars, years) else {
-            return best.map_or(unseen, LightFit::Anew);
+            return elsewhere;
         };
         pose_fit = anew.fit.clone();
         best = Some(Box::new(anew));
