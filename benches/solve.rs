@@ -6,8 +6,10 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a bench may end where it stands")]
 
+mod shared;
+
 use clap::Parser;
-use rustix::time::{ClockId, clock_gettime};
+use shared::{cpu_time, ms, quantile, timed};
 use stars::catalog::Catalogue;
 use stars::image::Frame;
 use stars::settings::Settings;
@@ -36,12 +38,6 @@ struct Args {
     bench: bool,
 }
 
-/// CPU time of this thread alone: what others on the machine do does not count.
-fn cpu_time() -> Duration {
-    let now = clock_gettime(ClockId::ThreadCPUTime);
-    Duration::new(now.tv_sec.unsigned_abs(), now.tv_nsec.unsigned_abs() as u32)
-}
-
 struct CpuWatch;
 
 impl Watch for CpuWatch {
@@ -64,17 +60,6 @@ const SEARCHES: [(&str, Search); 2] = [
 ];
 const STAGES: [Stage; 4] = [("statistics", |t| t.statistics), ("find", |t| t.find), ("match", |t| t.match_), ("fit", |t| t.fit)];
 
-/// The value below which a part of all lies; NaN of none.
-fn quantile(values: &mut [f64], part: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let place = (part * values.len() as f64) as usize;
-    values.get(place.min(values.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
-}
-
-fn ms(time: Duration) -> f64 {
-    time.as_secs_f64() * 1e3
-}
-
 fn main() {
     let args = Args::parse();
     let catalogue = Arc::new(Catalogue::embedded().unwrap());
@@ -96,13 +81,8 @@ fn main() {
         for frame in &frames {
             let outcome = search(&mut solver, frame);
             solved += usize::from(outcome.reason == Reason::Solved);
-            let mut runs: Vec<f64> = (0..args.repeats)
-                .map(|_| {
-                    let start = cpu_time();
-                    std::hint::black_box(search(&mut solver, std::hint::black_box(frame)));
-                    ms(cpu_time().saturating_sub(start))
-                })
-                .collect();
+            let mut runs: Vec<f64> =
+                (0..args.repeats).map(|_| timed(|| search(&mut solver, std::hint::black_box(frame))).1).collect();
             totals.push(quantile(&mut runs, 0.5));
             STAGES.iter().zip(&mut stages).for_each(|((_, stage), times)| times.push(ms(stage(&outcome.times))));
         }
