@@ -12,7 +12,7 @@ mod names;
 mod sky_field;
 mod triangles;
 
-pub use bitmap::SkyBitmap;
+pub use bitmap::{POINTS, SkyBitmap};
 pub use field::{FieldGeometry, FieldStar, FieldStars, field_rank, rank_limit};
 pub use file::{Catalogue, CatalogueError, CatalogueHeader, MAX_FILE_BYTES, Star};
 pub use grid::SkyGrid;

@@ -143,9 +143,12 @@ impl TriangleIndex {
         self.pairs.last().map_or(0.0, |p| f64::from(p.chord))
     }
 
-    /// Calls `visit` with the corners A, B, C of every triangle of the wanted shape and length.
+    /// Puts the corners A, B, C of every triangle of the wanted shape and length into `found`, and nothing else.
+    ///
+    /// In two passes, so that the memory that each is read from is asked for many triangles at once.
     #[inline(always)]
-    pub fn triangles(&self, query: &TriangleQuery, mut visit: impl FnMut([u32; 3])) {
+    pub fn find(&self, query: &TriangleQuery, found: &mut Vec<[u32; 3]>) {
+        found.clear();
         let Some(lengths) = self.log_range(query.length) else { return };
         let (x0, y0) = (query.x * SHAPE_BINS, query.y * SHAPE_BINS + 0.5 * Y_BINS as f64);
         let t = query.tolerance * SHAPE_BINS;
@@ -154,7 +157,7 @@ impl TriangleIndex {
             let last = (centre + t).clamp(-1.0, count as f64 - 1.0);
             first..if last < 0.0 { 0 } else { last as usize + 1 }
         };
-        let length_sq = (query.length.0.powi(2), query.length.1.powi(2));
+        let mut count = 0;
         for ix in bins(x0, X_BINS) {
             for iy in bins(y0, Y_BINS) {
                 let base = (ix * Y_BINS + iy) * self.log_bins;
@@ -163,20 +166,26 @@ impl TriangleIndex {
                 let (cx, cy, ct) = ((x0 - ix as f64) * 256.0 - 0.5, (y0 - iy as f64) * 256.0 - 0.5, t * 256.0);
                 let range = |centre: f64| ((centre - ct).max(0.0) as u32, (centre + ct).clamp(0.0, 255.0) as u32);
                 let ((x_min, x_max), (y_min, y_max)) = (range(cx), range(cy));
+                found.resize(count + run.len(), [0; 3]);
+                // Each is written where the next one goes and counted if it fits: no branch that could be guessed wrong.
                 for entry in &self.entries[run] {
                     let (x, y) = (u32::from(entry.x), u32::from(entry.y));
-                    if x < x_min || x > x_max || y < y_min || y > y_max {
-                        continue;
-                    }
-                    let near = &self.neighbours[self.first_neighbour[entry.a as usize] as usize..];
-                    let (b, c) = (near[usize::from(entry.b)], near[usize::from(entry.c)]);
-                    let side = (self.directions[b as usize] - self.directions[entry.a as usize]).norm_squared();
-                    if side >= length_sq.0 && side <= length_sq.1 {
-                        visit([entry.a, b, c]);
-                    }
+                    found[count] = [entry.a, u32::from(entry.b), u32::from(entry.c)];
+                    count += usize::from((x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max));
                 }
             }
         }
+        let (least_sq, greatest_sq) = (query.length.0.powi(2), query.length.1.powi(2));
+        let mut kept = 0;
+        for i in 0..count {
+            let [a, b, c] = found[i];
+            let near = &self.neighbours[self.first_neighbour[a as usize] as usize..];
+            let (b, c) = (near[b as usize], near[c as usize]);
+            let side_sq = (self.directions[b as usize] - self.directions[a as usize]).norm_squared();
+            found[kept] = [a, b, c];
+            kept += usize::from((side_sq >= least_sq) & (side_sq <= greatest_sq));
+        }
+        found.truncate(kept);
     }
 
     /// Calls `visit` with every pair of a length, chord, once; which star is which is left to the caller.

@@ -9,7 +9,7 @@
 use super::Stop;
 use super::fit::Pose;
 use super::verify::{FrameGeometry, Hypothesis, PatternSource, ln_hypotheses, verify};
-use crate::catalog::{Field, TriangleQuery, shape};
+use crate::catalog::{Field, POINTS, TriangleQuery, shape};
 use crate::sky::{Attitude, Kernel, Vec3, with_vectors};
 
 /// Half width of the box in which a triangle's shape is looked for, px over the longest side (trials: loses nothing at 1 px of
@@ -17,8 +17,8 @@ use crate::sky::{Attitude, Kernel, Vec3, with_vectors};
 const SHAPE_TOLERANCE_PX: f64 = 2.5;
 /// Sources beyond the pattern that must fall on a star: with few sources two are enough, with many chance gives two.
 const FEW_SOURCES: usize = 9;
-/// Sources that a pattern can be made of: as many as a word has bits.
-pub const MAX_SOURCES: usize = 32;
+/// Sources that a pattern can be made of: as many as are screened at once.
+pub const MAX_SOURCES: usize = POINTS;
 /// Triangles remembered for the display.
 const REMEMBERED: usize = 64;
 /// Share of the budget that pairs may use: a last resort.
@@ -67,67 +67,6 @@ pub struct SearchTally {
     pub triangles: Vec<[u8; 3]>,
 }
 
-/// Three directions' own tangent plane: at their middle, the first axis along the side from the first to the second.
-struct Plane {
-    middle: Vec3,
-    along: Vec3,
-    across: Vec3,
-}
-
-impl Plane {
-    fn new(a: &Vec3, b: &Vec3, middle: Vec3) -> Self {
-        let middle = middle.normalize();
-        let ab = b - a;
-        let along = (ab - middle * ab.dot(&middle)).normalize();
-        Self { along, across: middle.cross(&along), middle }
-    }
-
-    #[inline]
-    fn project(&self, d: &Vec3) -> (f64, f64) {
-        let depth = 1.0 / d.dot(&self.middle);
-        (d.dot(&self.along) * depth, d.dot(&self.across) * depth)
-    }
-
-    #[inline]
-    fn lift(&self, (u, v): (f64, f64)) -> Vec3 {
-        self.middle + self.along * u + self.across * v
-    }
-}
-
-/// Rotation, scale and shift in a plane: w = a z + d as complex numbers.
-struct Similarity {
-    a: (f64, f64),
-    d: (f64, f64),
-}
-
-impl Similarity {
-    /// Least squares over the given points.
-    #[inline(always)]
-    fn fit<const N: usize>(from: &[(f64, f64); N], to: &[(f64, f64); N]) -> Self {
-        let n = N as f64;
-        let mean = |p: &[(f64, f64); N]| (p.iter().map(|q| q.0).sum::<f64>() / n, p.iter().map(|q| q.1).sum::<f64>() / n);
-        let (zm, wm) = (mean(from), mean(to));
-        let (mut re, mut im, mut norm) = (0.0, 0.0, 0.0);
-        for (z, w) in from.iter().zip(to) {
-            let (zx, zy, wx, wy) = (z.0 - zm.0, z.1 - zm.1, w.0 - wm.0, w.1 - wm.1);
-            re += wx * zx + wy * zy;
-            im += wy * zx - wx * zy;
-            norm += zx * zx + zy * zy;
-        }
-        let a = (re / norm, im / norm);
-        Self { a, d: (wm.0 - (a.0 * zm.0 - a.1 * zm.1), wm.1 - (a.0 * zm.1 + a.1 * zm.0)) }
-    }
-
-    #[inline]
-    fn apply(&self, z: (f64, f64)) -> (f64, f64) {
-        (self.a.0 * z.0 - self.a.1 * z.1 + self.d.0, self.a.0 * z.1 + self.a.1 * z.0 + self.d.1)
-    }
-
-    fn scale(&self) -> f64 {
-        self.a.0.hypot(self.a.1)
-    }
-}
-
 /// A search over one list of sources.
 pub struct PatternSearch<'a> {
     field: &'a Field,
@@ -140,6 +79,8 @@ pub struct PatternSearch<'a> {
     ln_region: f64,
     best: Option<Hypothesis>,
     tally: SearchTally,
+    /// Triangles of stars that may be the sources' triangle.
+    found: Vec<[u32; 3]>,
 }
 
 impl<'a> PatternSearch<'a> {
@@ -159,6 +100,7 @@ impl<'a> PatternSearch<'a> {
             ln_region: ln_hypotheses(sources.len(), geometry, field, fraction),
             best: None,
             tally: SearchTally::default(),
+            found: Vec::new(),
         }
     }
 
@@ -197,15 +139,12 @@ impl<'a> PatternSearch<'a> {
                 continue;
             }
             let query = TriangleQuery { x, y, tolerance: slack, length: self.length_range(length) };
-            let source_plane = self.plane_of_sources([a, b, c]);
-            let mut end = None;
             let field = self.field;
-            field.triangles.triangles(&query, |stars| {
-                if end.is_none() {
-                    let star = stars.map(|s| *field.triangles.direction(s));
-                    end = self.candidate(&source_plane, &star);
-                }
-            });
+            let mut found = std::mem::take(&mut self.found);
+            field.triangles.find(&query, &mut found);
+            let plane = SourcePlane::new(self.sources, [a, b, c]);
+            let end = found.iter().find_map(|stars| self.candidate(&plane, &stars.map(|s| *field.triangles.direction(s))));
+            self.found = found;
             looked_up = true;
             if end.is_some() {
                 self.remember(corners);
@@ -229,7 +168,7 @@ impl<'a> PatternSearch<'a> {
                 if length < self.field.triangles.sides().0 || length > self.field.triangles.longest_pair() {
                     continue;
                 }
-                let plane = self.plane_of_sources([i, j]);
+                let plane = SourcePlane::new(self.sources, [i, j]);
                 let mut end = None;
                 let field = self.field;
                 field.triangles.pairs(self.length_range(length), |[a, b]| {
@@ -259,30 +198,6 @@ impl<'a> PatternSearch<'a> {
         ((length * low / middle - slack).max(0.0), length * high / middle + slack)
     }
 
-    /// The tangent plane of the sources at some corners.
-    #[inline(always)]
-    fn plane_of_sources<const N: usize>(&self, corners: [usize; N]) -> SourcePlane<N> {
-        let plane = Plane::new(
-            &self.sources[corners[0]].direction,
-            &self.sources[corners[1]].direction,
-            corners.iter().map(|&c| self.sources[c].direction).sum(),
-        );
-        let up = Vec3::new(0.0, 0.02, 1.0);
-        let points = self.sources.iter().take(MAX_SOURCES).map(|s| plane.project(&s.direction));
-        let (mut x, mut y) = ([0f32; MAX_SOURCES], [0f32; MAX_SOURCES]);
-        for (i, point) in points.enumerate() {
-            (x[i], y[i]) = (point.0 as f32, point.1 as f32);
-        }
-        SourcePlane {
-            at: corners.map(|c| plane.project(&self.sources[c].direction)),
-            x,
-            y,
-            corners: corners.iter().map(|&c| 1u32 << c).fold(!0 << (self.sources.len() - 1) << 1, |bits, c| bits | c),
-            boresight: plane.project(&Vec3::z()),
-            up: plane.project(&up),
-        }
-    }
-
     /// Screens one candidate: the corners are these stars; verifies it where enough other sources fall on stars.
     #[inline(always)]
     fn candidate<const N: usize>(&mut self, plane: &SourcePlane<N>, stars: &[Vec3; N]) -> Option<SearchEnd> {
@@ -295,27 +210,19 @@ impl<'a> PatternSearch<'a> {
         if self.tally.candidates > self.rules.budget {
             return Some(SearchEnd::Budget(self.best.take()));
         }
-        let middle: Vec3 = stars.iter().sum();
-        let sky = Plane::new(&stars[0], &stars[1], middle);
-        let similarity = Similarity::fit(&plane.at, &stars.map(|s| sky.project(&s)));
-        let platescale = self.field.geometry.platescale * similarity.scale();
-        let boresight = sky.lift(similarity.apply(plane.boresight));
-        let inside = self.rules.region.as_ref().is_none_or(|(_, allows)| allows(&boresight.normalize()));
+        let lifted = plane.lift(stars);
+        let at = |(x, y): (f64, f64)| lifted[0] + lifted[1] * x + lifted[2] * y;
+        let inside = self.rules.region.as_ref().is_none_or(|(_, allows)| allows(&at(plane.boresight).normalize()));
         if self.rules.region_only && !inside {
             return None;
         }
-        // The similarity and the lift in one: a point z goes to m + Re z · p + Im z · q.
-        let turned = [
-            sky.lift(similarity.d),
-            sky.along * similarity.a.0 + sky.across * similarity.a.1,
-            sky.across * similarity.a.0 - sky.along * similarity.a.1,
-        ];
-        let hits = self.field.bitmap.hits(&turned, &plane.x, &plane.y) & !plane.corners;
+        let hits = self.field.bitmap.hits(&lifted, &plane.x, &plane.y, self.sources.len()) & !plane.corners;
         if (hits.count_ones() as usize) < self.need {
             return None;
         }
-        let up = sky.lift(similarity.apply(plane.up)).normalize() - boresight.normalize();
-        let attitude = Attitude::from_boresight_up(&boresight, &up)?;
+        let boresight = at(plane.boresight).normalize();
+        let attitude = Attitude::from_boresight_up(&boresight, &(at(plane.up).normalize() - boresight))?;
+        let platescale = self.field.geometry.platescale * lifted[1].norm();
         self.verified(&Pose { attitude, platescale, k1: 0.0 }, N + self.need)
     }
 
@@ -355,15 +262,66 @@ impl Kernel for Patterns<'_, '_> {
     }
 }
 
-/// The sources, the boresight and a point above it in the tangent plane of a pattern with N corners.
+/// A little way up from the boresight, in the camera frame: with the boresight it gives the roll.
+const ABOVE_BORESIGHT: f64 = 0.02;
+
+/// The sources in the tangent plane at the middle of a pattern with N corners, counted from the corners' mean.
 struct SourcePlane<const N: usize> {
-    /// The corners.
-    at: [(f64, f64); N],
+    /// The corners, over the sum of their squared distances from the mean.
+    corner_weights: [(f64, f64); N],
     /// Every source.
     x: [f32; MAX_SOURCES],
     y: [f32; MAX_SOURCES],
-    /// Bits of what does not count as a hit: the corners, and the places behind the last source.
+    /// Bits of the corners, which do not count as hits.
     corners: u32,
     boresight: (f64, f64),
+    /// A point above the boresight.
     up: (f64, f64),
+}
+
+impl<const N: usize> SourcePlane<N> {
+    fn new(sources: &[PatternSource], corners: [usize; N]) -> Self {
+        let at = corners.map(|c| sources[c].direction);
+        let middle = at.iter().sum::<Vec3>().normalize();
+        let along = (at[1] - at[0]).cross(&middle).normalize();
+        let across = middle.cross(&along);
+        let project = |d: &Vec3| {
+            let depth = 1.0 / d.dot(&middle);
+            (d.dot(&along) * depth, d.dot(&across) * depth)
+        };
+        let projected = at.map(|d| project(&d));
+        let mean = projected.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p.0 / N as f64, sum.1 + p.1 / N as f64));
+        let from_mean = |p: (f64, f64)| (p.0 - mean.0, p.1 - mean.1);
+        let spread: f64 = projected.iter().map(|&p| from_mean(p)).map(|p| p.0 * p.0 + p.1 * p.1).sum();
+        let (mut x, mut y) = ([0f32; MAX_SOURCES], [0f32; MAX_SOURCES]);
+        for (source, (x, y)) in sources.iter().zip(x.iter_mut().zip(&mut y)) {
+            let place = from_mean(project(&source.direction));
+            (*x, *y) = (place.0 as f32, place.1 as f32);
+        }
+        Self {
+            corner_weights: projected.map(|p| from_mean(p)).map(|p| (p.0 / spread, p.1 / spread)),
+            x,
+            y,
+            corners: corners.iter().fold(0, |bits, &c| bits | 1 << c),
+            boresight: from_mean(project(&Vec3::z())),
+            up: from_mean(project(&Vec3::new(0.0, ABOVE_BORESIGHT, 1.0))),
+        }
+    }
+
+    /// How the plane lies on the sky where the corners are these stars: a point (x, y) at `[0] + x [1] + y [2]`. Rotation, scale and
+    /// shift by least squares, in the stars' own tangent plane.
+    #[inline(always)]
+    fn lift(&self, stars: &[Vec3; N]) -> [Vec3; 3] {
+        let middle = stars.iter().sum::<Vec3>().normalize();
+        let projected = stars.map(|s| s / s.dot(&middle));
+        let mean = projected.iter().sum::<Vec3>() / N as f64;
+        let (mut from_x, mut from_y) = (Vec3::zeros(), Vec3::zeros());
+        for (star, &(x, y)) in projected.iter().zip(&self.corner_weights) {
+            from_x += (star - mean) * x;
+            from_y += (star - mean) * y;
+        }
+        // A quarter turn takes the image of x to that of y: of the two that the corners give, the mean counts.
+        let along = from_x - middle.cross(&from_y);
+        [mean, along, middle.cross(&along)]
+    }
 }
