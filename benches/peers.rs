@@ -19,9 +19,7 @@ use stars::sky::{ARCSEC, DEG, RowOrder, Vec3, direction, separation};
 use stars::solve::{Outcome, Prior, Solver, Unwatched};
 use std::path::PathBuf;
 use std::sync::Arc;
-use tetra3::centroid_extraction::{
-    CentroidExtractionConfig, CentroidExtractor, FastCentroidConfig, extract_centroids_fast,
-};
+use tetra3::centroid_extraction::{CentroidExtractionConfig, CentroidExtractor, FastCentroidConfig, extract_centroids_fast};
 use tetra3::{Centroid, GenerateDatabaseConfig, SolveConfig, SolverDatabase};
 
 /// Measures ours and another solver on the same frames
@@ -54,6 +52,9 @@ type Solve<'a> = Box<dyn FnMut(&Frame) -> Answer + 'a>;
 const RIGHT: f64 = 5.0 * ARCSEC;
 const RIGHT_SIGMAS: f64 = 6.0;
 
+/// Patterns of a field in the other solver's database: four times its default, with which it solves most.
+const PATTERNS_PER_FIELD: u32 = 200;
+
 fn main() {
     let args = Args::parse();
     let catalogue = Arc::new(Catalogue::embedded().unwrap());
@@ -71,7 +72,10 @@ fn main() {
     let database = database(&catalogue, &settings, width);
     let solvers = ours(&catalogue, &settings, (width, height)).into_iter().chain(theirs(&database, &settings, (width, height)));
 
-    println!("thread CPU time, pixels to outcome, {width} × {height} px, seed {}, median of {} runs each\n", args.seed, args.repeats);
+    println!(
+        "thread CPU time, pixels to outcome, {width} × {height} px, seed {}, median of {} runs each\n",
+        args.seed, args.repeats
+    );
     println!(
         "{:<34} {:>10} {:>7} {:>6} {:>6} {:>6} {:>10} {:>8} {:>8}",
         "", "kind", "frames", "must", "right", "wrong", "median ms", "p95 ms", "p99 ms"
@@ -106,9 +110,9 @@ fn row<'a>(
     for Rendered { frame, truth } in frames {
         // Once before the clock runs, so that memory is warm.
         let answer = solve(frame);
-        let is_right = answer.zip(truth.attitude).map(|((at, sigma), attitude)| {
-            separation(&at, &attitude.boresight()) <= RIGHT.max(RIGHT_SIGMAS * sigma)
-        });
+        let is_right = answer
+            .zip(truth.attitude)
+            .map(|((at, sigma), attitude)| separation(&at, &attitude.boresight()) <= RIGHT.max(RIGHT_SIGMAS * sigma));
         must += usize::from(truth.must);
         right += usize::from(truth.must && is_right == Some(true));
         wrong += usize::from(answer.is_some() && is_right != Some(true));
@@ -139,11 +143,7 @@ fn ours<'a>(catalogue: &Arc<Catalogue>, settings: &Settings, (width, height): (u
 }
 
 /// The other solver with its ways to find sources.
-fn theirs<'a>(
-    database: &'a SolverDatabase,
-    settings: &Settings,
-    (width, height): (usize, usize),
-) -> Vec<(String, Solve<'a>)> {
+fn theirs<'a>(database: &'a SolverDatabase, settings: &Settings, (width, height): (usize, usize)) -> Vec<(String, Solve<'a>)> {
     let matching = &settings.solver.matching;
     let fov = |platescale: f64| 2.0 * (0.5 * width as f64 * platescale * ARCSEC).atan();
     let (low, high) = (fov(matching.platescale_min_arcsec_px), fov(matching.platescale_max_arcsec_px));
@@ -171,11 +171,8 @@ fn theirs<'a>(
         solve(&extract_centroids_fast(&pixels, width as u32, height as u32, &FastCentroidConfig::default()).ok()?.centroids)
     });
     // The block and the threshold that solved most daytime frames in trials on other seeds.
-    let local = CentroidExtractionConfig {
-        local_bg_block_size: Some(16),
-        sigma_threshold: 4.5,
-        ..CentroidExtractionConfig::default()
-    };
+    let local =
+        CentroidExtractionConfig { local_bg_block_size: Some(16), sigma_threshold: 4.5, ..CentroidExtractionConfig::default() };
     vec![
         ("tetra3, default".into(), whole(CentroidExtractionConfig::default())),
         ("tetra3, 16 px local background".into(), whole(local)),
@@ -196,7 +193,7 @@ fn database(catalogue: &Catalogue, settings: &Settings, width: usize) -> SolverD
     let platescale = 0.5 * (matching.platescale_min_arcsec_px + matching.platescale_max_arcsec_px);
     let max_fov_deg = (width as f64 * platescale * ARCSEC / DEG) as f32;
     let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR"))
-        .join(format!("tetra3-{:08x}-{max_fov_deg:.3}.db", catalogue.header.checksum));
+        .join(format!("tetra3-{:08x}-{max_fov_deg:.3}-{PATTERNS_PER_FIELD}.db", catalogue.header.checksum));
     let path = path.to_str().expect("a path in UTF-8");
     if let Ok(database) = SolverDatabase::load_from_file(path) {
         return database;
@@ -207,7 +204,12 @@ fn database(catalogue: &Catalogue, settings: &Settings, width: usize) -> SolverD
         let (ra, dec) = stars::sky::ra_dec(&star.direction_after(years));
         tetra3::Star { id, ra_rad: ra as f32, dec_rad: dec as f32, mag: star.mag }
     });
-    let config = GenerateDatabaseConfig { max_fov_deg, epoch_proper_motion_year: None, ..GenerateDatabaseConfig::default() };
+    let config = GenerateDatabaseConfig {
+        max_fov_deg,
+        patterns_per_lattice_field: PATTERNS_PER_FIELD,
+        epoch_proper_motion_year: None,
+        ..GenerateDatabaseConfig::default()
+    };
     let database = SolverDatabase::generate_from_star_list(stars.collect(), &config, settings.catalog.epoch_yr).unwrap();
     database.save_to_file(path).unwrap();
     database

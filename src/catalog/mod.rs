@@ -18,4 +18,4 @@ pub use file::{Catalogue, CatalogueError, CatalogueHeader, MAX_FILE_BYTES, Star}
 pub use grid::SkyGrid;
 pub use names::{Names, NamesError};
 pub use sky_field::Field;
-pub use triangles::{TriangleIndex, TriangleQuery, shape};
+pub use triangles::{FoundTriangle, Runs, TriangleIndex, TriangleQuery, shape};

@@ -9,7 +9,7 @@
 use super::Stop;
 use super::fit::Pose;
 use super::verify::{FrameGeometry, Hypothesis, PatternSource, ln_hypotheses, verify};
-use crate::catalog::{Field, POINTS, TriangleQuery, shape};
+use crate::catalog::{Field, FoundTriangle, POINTS, Runs, TriangleQuery, shape};
 use crate::sky::{Attitude, Kernel, Vec3, with_vectors};
 
 /// Half width of the box in which a triangle's shape is looked for, px over the longest side (trials: loses nothing at 1 px of
@@ -79,8 +79,8 @@ pub struct PatternSearch<'a> {
     ln_region: f64,
     best: Option<Hypothesis>,
     tally: SearchTally,
-    /// Triangles of stars that may be the sources' triangle.
-    found: Vec<[u32; 3]>,
+    /// Cells of the sky that the sources fall into, for each candidate.
+    cells: Vec<[u32; MAX_SOURCES]>,
 }
 
 impl<'a> PatternSearch<'a> {
@@ -100,7 +100,7 @@ impl<'a> PatternSearch<'a> {
             ln_region: ln_hypotheses(sources.len(), geometry, field, fraction),
             best: None,
             tally: SearchTally::default(),
-            found: Vec::new(),
+            cells: Vec::new(),
         }
     }
 
@@ -112,49 +112,42 @@ impl<'a> PatternSearch<'a> {
     }
 
     /// Every triangle of sources, by the faintest in it.
+    ///
+    /// Those with the same two fainter corners are looked up together, which hides much of the wait for memory: one at first, when one
+    /// may be enough, and more later.
     #[inline(always)]
     fn triangles(&mut self) -> Option<SearchEnd> {
+        let field = self.field;
+        let (mut queries, mut planes, mut runs, mut found) = (Vec::new(), Vec::new(), Runs::default(), Vec::new());
         for k in 2..self.sources.len() {
             for j in 1..k {
+                (queries.clear(), planes.clear());
                 for i in 0..j {
-                    if let Some(end) = self.triangle([i, j, k]) {
-                        return Some(end);
-                    }
+                    self.ask([i, j, k], &mut queries, &mut planes);
+                }
+                field.triangles.find(&queries, &mut runs, &mut found);
+                let (end, looked_at) = self.screen(&planes, &found, |t: &FoundTriangle| (t.query as usize, t.stars));
+                self.remember(&planes[..looked_at]);
+                if end.is_some() {
+                    return end;
                 }
             }
         }
         None
     }
 
-    /// One triangle of sources, in every labelling that the errors of its corners allow.
+    /// What to look up for one triangle of sources: every labelling that the errors of its corners allow.
     #[inline(always)]
-    fn triangle(&mut self, corners: [usize; 3]) -> Option<SearchEnd> {
-        let [p, q, r] = corners;
-        let mut looked_up = false;
+    fn ask(&self, [p, q, r]: [usize; 3], queries: &mut Vec<TriangleQuery>, planes: &mut Vec<SourcePlane<3>>) {
         for [a, b, c] in [[p, q, r], [q, p, r], [p, r, q], [r, p, q], [q, r, p], [r, q, p]] {
             let (x, y, length) = shape(&self.sources[a].direction, &self.sources[b].direction, &self.sources[c].direction);
             let slack = SHAPE_TOLERANCE_PX * self.field.geometry.platescale / length;
             let longest = x * x + y * y <= (1.0 + slack).powi(2) && (1.0 - x).powi(2) + y * y <= (1.0 + slack).powi(2);
-            if !longest || x > 0.5 + slack {
-                continue;
-            }
-            let query = TriangleQuery { x, y, tolerance: slack, length: self.length_range(length) };
-            let field = self.field;
-            let mut found = std::mem::take(&mut self.found);
-            field.triangles.find(&query, &mut found);
-            let plane = SourcePlane::new(self.sources, [a, b, c]);
-            let end = found.iter().find_map(|stars| self.candidate(&plane, &stars.map(|s| *field.triangles.direction(s))));
-            self.found = found;
-            looked_up = true;
-            if end.is_some() {
-                self.remember(corners);
-                return end;
+            if longest && x <= 0.5 + slack {
+                queries.push(TriangleQuery { x, y, tolerance: slack, length: self.length_range(length) });
+                planes.push(SourcePlane::new(self.sources, [a, b, c]));
             }
         }
-        if looked_up {
-            self.remember(corners);
-        }
-        None
     }
 
     /// Every short pair of sources, both ways round, within its share of the budget.
@@ -162,28 +155,19 @@ impl<'a> PatternSearch<'a> {
     fn pairs(&mut self) -> Option<SearchEnd> {
         let spent = self.tally.candidates;
         let allowed = (self.rules.budget as f64 * PAIR_SHARE) as u64;
+        let mut found: Vec<[u32; 2]> = Vec::new();
         for j in 1..self.sources.len() {
             for i in 0..j {
                 let length = (self.sources[j].direction - self.sources[i].direction).norm();
                 if length < self.field.triangles.sides().0 || length > self.field.triangles.longest_pair() {
                     continue;
                 }
-                let plane = SourcePlane::new(self.sources, [i, j]);
-                let mut end = None;
-                let field = self.field;
-                field.triangles.pairs(self.length_range(length), |[a, b]| {
-                    for star in [[a, b], [b, a]] {
-                        if end.is_none() && self.tally.candidates - spent < allowed {
-                            let star = star.map(|s| *field.triangles.direction(s));
-                            end = self.candidate(&plane, &star);
-                        }
-                    }
-                });
+                found.clear();
+                self.field.triangles.pairs(self.length_range(length), |[a, b]| found.extend([[a, b], [b, a]]));
+                found.truncate((allowed - (self.tally.candidates - spent)) as usize);
+                let (end, _) = self.screen(&[SourcePlane::new(self.sources, [i, j])], &found, |&stars| (0, stars));
                 if end.is_some() {
                     return end;
-                }
-                if self.tally.candidates - spent >= allowed {
-                    return None;
                 }
             }
         }
@@ -198,29 +182,61 @@ impl<'a> PatternSearch<'a> {
         ((length * low / middle - slack).max(0.0), length * high / middle + slack)
     }
 
-    /// Screens one candidate: the corners are these stars; verifies it where enough other sources fall on stars.
+    /// Screens candidates, each a plane of sources whose corners may be the stars found; verifies those where enough other sources fall
+    /// on stars. How the search ends, if it does, and the number of planes that were looked at.
     #[inline(always)]
-    fn candidate<const N: usize>(&mut self, plane: &SourcePlane<N>, stars: &[Vec3; N]) -> Option<SearchEnd> {
+    fn screen<const N: usize, F>(
+        &mut self,
+        planes: &[SourcePlane<N>],
+        found: &[F],
+        candidate: impl Fn(&F) -> (usize, [u32; N]),
+    ) -> (Option<SearchEnd>, usize) {
+        let (field, count) = (self.field, self.sources.len());
+        let mut cells = std::mem::take(&mut self.cells);
+        cells.clear();
+        for place in found {
+            let (plane, stars) = candidate(place);
+            let lifted = planes[plane].lift(&stars.map(|s| *field.triangles.direction(s)));
+            cells.push(field.bitmap.cells(&lifted, &planes[plane].x, &planes[plane].y, count));
+        }
+        let (mut end, mut looked_at) = (None, planes.len());
+        for (place, cells) in found.iter().zip(&cells) {
+            let (plane, stars) = candidate(place);
+            let hits = field.bitmap.hits(&cells[..count]) & !planes[plane].corner_bits;
+            end = self.count_candidate();
+            if end.is_none() && hits.count_ones() as usize >= self.need {
+                end = self.look_at(&planes[plane], &stars.map(|s| *field.triangles.direction(s)));
+            }
+            if end.is_some() {
+                looked_at = plane + 1;
+                break;
+            }
+        }
+        self.cells = cells;
+        (end, looked_at)
+    }
+
+    /// Counts a candidate; ends the search where that was too many, or somebody wants it to.
+    #[inline(always)]
+    fn count_candidate(&mut self) -> Option<SearchEnd> {
         self.tally.candidates += 1;
         if self.tally.candidates.is_multiple_of(256)
             && let Some(stop) = (self.rules.stop)()
         {
             return Some(SearchEnd::Stopped(stop));
         }
-        if self.tally.candidates > self.rules.budget {
-            return Some(SearchEnd::Budget(self.best.take()));
-        }
+        (self.tally.candidates > self.rules.budget).then(|| SearchEnd::Budget(self.best.take()))
+    }
+
+    /// Verifies a candidate that passed the screen.
+    fn look_at<const N: usize>(&mut self, plane: &SourcePlane<N>, stars: &[Vec3; N]) -> Option<SearchEnd> {
         let lifted = plane.lift(stars);
         let at = |(x, y): (f64, f64)| lifted[0] + lifted[1] * x + lifted[2] * y;
-        let inside = self.rules.region.as_ref().is_none_or(|(_, allows)| allows(&at(plane.boresight).normalize()));
+        let boresight = at(plane.boresight).normalize();
+        let inside = self.rules.region.as_ref().is_none_or(|(_, allows)| allows(&boresight));
         if self.rules.region_only && !inside {
             return None;
         }
-        let hits = self.field.bitmap.hits(&lifted, &plane.x, &plane.y, self.sources.len()) & !plane.corners;
-        if (hits.count_ones() as usize) < self.need {
-            return None;
-        }
-        let boresight = at(plane.boresight).normalize();
         let attitude = Attitude::from_boresight_up(&boresight, &(at(plane.up).normalize() - boresight))?;
         let platescale = self.field.geometry.platescale * lifted[1].norm();
         self.verified(&Pose { attitude, platescale, k1: 0.0 }, N + self.need)
@@ -242,11 +258,17 @@ impl<'a> PatternSearch<'a> {
         None
     }
 
-    fn remember(&mut self, corners: [usize; 3]) {
-        if self.tally.triangles.len() == REMEMBERED {
-            self.tally.triangles.remove(0);
+    /// Keeps the last triangles for the display, each once however many labellings it has.
+    fn remember(&mut self, planes: &[SourcePlane<3>]) {
+        let triangles = &mut self.tally.triangles;
+        for plane in planes {
+            let mut corners = plane.corners.map(|c| c as u8);
+            corners.sort_unstable();
+            if triangles.last() != Some(&corners) {
+                triangles.push(corners);
+            }
         }
-        self.tally.triangles.push(corners.map(|c| c.min(usize::from(u8::MAX)) as u8));
+        triangles.drain(..triangles.len().saturating_sub(REMEMBERED));
     }
 }
 
@@ -272,14 +294,16 @@ struct SourcePlane<const N: usize> {
     /// Every source.
     x: [f32; MAX_SOURCES],
     y: [f32; MAX_SOURCES],
-    /// Bits of the corners, which do not count as hits.
-    corners: u32,
+    /// Which sources the corners are; as bits, for they do not count as hits.
+    corners: [usize; N],
+    corner_bits: u32,
     boresight: (f64, f64),
     /// A point above the boresight.
     up: (f64, f64),
 }
 
 impl<const N: usize> SourcePlane<N> {
+    #[inline(always)]
     fn new(sources: &[PatternSource], corners: [usize; N]) -> Self {
         let at = corners.map(|c| sources[c].direction);
         let middle = at.iter().sum::<Vec3>().normalize();
@@ -302,7 +326,8 @@ impl<const N: usize> SourcePlane<N> {
             corner_weights: projected.map(|p| from_mean(p)).map(|p| (p.0 / spread, p.1 / spread)),
             x,
             y,
-            corners: corners.iter().fold(0, |bits, &c| bits | 1 << c),
+            corners,
+            corner_bits: corners.iter().fold(0, |bits, &c| bits | 1 << c),
             boresight: from_mean(project(&Vec3::z())),
             up: from_mean(project(&Vec3::new(0.0, ABOVE_BORESIGHT, 1.0))),
         }
