@@ -5,7 +5,7 @@
 //! among the brightest, for real stars crowd the faint end. Lists that must not be solved: no stars at all, or a mirrored sky.
 //! Thread CPU time of the search alone, with shipped settings.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a bench may end where it stands")]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::indexing_slicing, reason = "a bench may end where it stands")]
 
 mod shared;
 

@@ -121,7 +121,8 @@ impl<'a> PatternSearch<'a> {
         let (mut queries, mut planes, mut runs, mut found) = (Vec::new(), Vec::new(), Runs::default(), Vec::new());
         for k in 2..self.sources.len() {
             for j in 1..k {
-                (queries.clear(), planes.clear());
+                queries.clear();
+                planes.clear();
                 for i in 0..j {
                     self.ask([i, j, k], &mut queries, &mut planes);
                 }
@@ -323,7 +324,7 @@ impl<const N: usize> SourcePlane<N> {
             (*x, *y) = (place.0 as f32, place.1 as f32);
         }
         Self {
-            corner_weights: projected.map(|p| from_mean(p)).map(|p| (p.0 / spread, p.1 / spread)),
+            corner_weights: projected.map(from_mean).map(|p| (p.0 / spread, p.1 / spread)),
             x,
             y,
             corners,
