@@ -133,9 +133,7 @@ fn ours<'a>(catalogue: &Arc<Catalogue>, settings: &Settings, (width, height): (u
     let mut solver = Solver::new(catalogue.clone(), Arc::new(settings.clone()));
     solver.prepare(width, height);
     let mut robust = solver.clone();
-    let answer = |outcome: Outcome| {
-        outcome.solution.map(|s| (s.attitude.boresight(), ((s.covariance[(0, 0)] + s.covariance[(1, 1)]) / 2.0).sqrt()))
-    };
+    let answer = |outcome: Outcome| outcome.solution.map(|s| (s.attitude.boresight(), s.sigmas().xy().norm() / 2f64.sqrt()));
     vec![
         ("ours".into(), Box::new(move |frame| answer(solver.solve(frame, &Prior::default(), &Unwatched)))),
         ("ours, robust alone".into(), Box::new(move |frame| answer(robust.solve_robust(frame, &Prior::default(), &Unwatched)))),
