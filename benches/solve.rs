@@ -6,8 +6,10 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a bench may end where it stands")]
 
+mod shared;
+
 use clap::Parser;
-use rustix::time::{ClockId, clock_gettime};
+use shared::{cpu_time, ms, quantile, timed};
 use stars::catalog::Catalogue;
 use stars::image::Frame;
 use stars::settings::Settings;
@@ -31,15 +33,12 @@ struct Args {
     /// Times that each frame is solved; their median counts
     #[arg(long, default_value_t = 5)]
     repeats: usize,
+    /// The search as shipped, normal and then robust, instead of the two apart
+    #[arg(long)]
+    shipped: bool,
     /// Given by `cargo bench`
     #[arg(long, hide = true)]
     bench: bool,
-}
-
-/// CPU time of this thread alone: what others on the machine do does not count.
-fn cpu_time() -> Duration {
-    let now = clock_gettime(ClockId::ThreadCPUTime);
-    Duration::new(now.tv_sec.unsigned_abs(), now.tv_nsec.unsigned_abs() as u32)
 }
 
 struct CpuWatch;
@@ -62,25 +61,15 @@ const SEARCHES: [(&str, Search); 2] = [
     ("normal", |solver, frame| solver.solve(frame, &Prior::default(), &CpuWatch)),
     ("robust", |solver, frame| solver.solve_robust(frame, &Prior::default(), &CpuWatch)),
 ];
+/// The first of them with the robust one allowed to follow.
+const SHIPPED: [(&str, Search); 1] = [("shipped", SEARCHES[0].1)];
 const STAGES: [Stage; 4] = [("statistics", |t| t.statistics), ("find", |t| t.find), ("match", |t| t.match_), ("fit", |t| t.fit)];
-
-/// The value below which a part of all lies; NaN of none.
-fn quantile(values: &mut [f64], part: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let place = (part * values.len() as f64) as usize;
-    values.get(place.min(values.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
-}
-
-fn ms(time: Duration) -> f64 {
-    time.as_secs_f64() * 1e3
-}
 
 fn main() {
     let args = Args::parse();
     let catalogue = Arc::new(Catalogue::embedded().unwrap());
     let mut settings = Settings::flight().unwrap();
-    // The two searches are measured apart.
-    settings.solver.robust = false;
+    settings.solver.robust = args.shipped;
     let frames: Vec<Frame> =
         (0..args.frames).map(|index| render(&RenderSpec::new(args.kind, args.seed, index), &catalogue).unwrap().frame).collect();
     let Some(first) = frames.first() else { return };
@@ -89,20 +78,16 @@ fn main() {
     println!("{} {} frames of {} × {} px, seed {}", frames.len(), args.kind, first.width, first.height, args.seed);
     println!("thread CPU time, median of {} runs each\n", args.repeats);
     println!("{:<22} {:>9} {:>9} {:>9} {:>8}", "", "median", "p95", "max", "solved");
-    for (name, search) in SEARCHES {
+    let searches = if args.shipped { &SHIPPED[..] } else { &SEARCHES[..] };
+    for &(name, search) in searches {
         let mut totals = Vec::new();
         let mut stages = [const { Vec::new() }; STAGES.len()];
         let mut solved = 0;
         for frame in &frames {
             let outcome = search(&mut solver, frame);
             solved += usize::from(outcome.reason == Reason::Solved);
-            let mut runs: Vec<f64> = (0..args.repeats)
-                .map(|_| {
-                    let start = cpu_time();
-                    std::hint::black_box(search(&mut solver, std::hint::black_box(frame)));
-                    ms(cpu_time().saturating_sub(start))
-                })
-                .collect();
+            let mut runs: Vec<f64> =
+                (0..args.repeats).map(|_| timed(|| search(&mut solver, std::hint::black_box(frame))).1).collect();
             totals.push(quantile(&mut runs, 0.5));
             STAGES.iter().zip(&mut stages).for_each(|((_, stage), times)| times.push(ms(stage(&outcome.times))));
         }

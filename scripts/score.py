@@ -2,8 +2,8 @@
 """Scores the answers of `stars solve --json` against the truth. Standard library only.
 
     score.py flight|esa TRUTH.json ANSWERS.jsonl
-    score.py speed BENCH.txt
-    score.py rendered|nostars|mirrored|measured DIRECTORY
+    score.py speed|refusal|lists BENCH.txt
+    score.py rendered|nostars|mirrored|measured|peers|errors DIRECTORY
 
 A DIRECTORY holds `*.truth.json`, as `stars render` writes them, and answers in `*.jsonl`; the image's name joins the two.
 Prints what was measured, then one line `wanted: … got: … PASS|FAIL` for each thing wanted; exits 1 if any failed.
@@ -18,6 +18,31 @@ import sys
 from pathlib import Path
 
 ARCSEC_PER_DEG = 3600.0
+
+# Share of the frames of a kind that must be solved, percent, at least; of all kinds together too.
+WANTED_RATES = {
+    "night": 100,
+    "float": 100,
+    "dense": 100,
+    "sparse": 100,
+    "gradient": 96,
+    "defocus": 99,
+    "multiexp": 99,
+    "hotpix": 98,
+    "defocus30": 70,
+    "motion": 80,
+    "saturated": 97,
+}
+WANTED_RATE_OF_ALL = 95
+# Kinds wanted at 100 %: one frame of so many is excused.
+EXCUSED_OF = 400
+# Share of errors within 1, 2, 3 σ of a normal distribution, percent, and how far it may be off for one kind and for all, points.
+NORMAL_SHARES = (68.3, 95.4, 99.7)
+SLACK_OF_KIND = (4.0, 3.0, 1.0)
+SLACK_OF_ALL = (2.0, 1.5, 0.5)
+WANTED_CHI2 = (0.9, 1.1)
+# Errors wanted at most, rms: per axis and in roll, arcsec.
+WANTED_RMS = {"float": (0.30, 13.0), "night": (0.11, 4.5)}
 
 
 def unit(ra_deg, dec_deg):
@@ -139,6 +164,39 @@ def describe_wrong(answer, truth):
     return f"east {east:+.1f}″ north {north:+.1f}″ roll {roll:+.0f}″; {said}"
 
 
+def in_sigmas(right):
+    """Errors of right solutions over their own σ: of both axes, and of roll."""
+    axes, roll = [], []
+    for answer, truth in right:
+        east, north, turn = errors_arcsec(answer, truth)
+        for error, sigma, into in (
+            (east, answer["sigma_east_arcsec"], axes),
+            (north, answer["sigma_north_arcsec"], axes),
+            (turn, answer["sigma_roll_arcsec"], roll),
+        ):
+            if sigma > 0:
+                into.append(error / sigma)
+    return axes, roll
+
+
+def shares_within(z):
+    """Share of values within 1, 2, 3 σ, percent."""
+    return [100 * sum(abs(v) <= k for v in z) / len(z) for k in (1, 2, 3)]
+
+
+def mean_square(z):
+    """χ² for each value; NaN of none."""
+    return sum(v * v for v in z) / len(z) if z else math.nan
+
+
+def coverage(z):
+    """How values in σ are spread, in words."""
+    if not z:
+        return "no σ"
+    within = shares_within(z)
+    return f"χ² {mean_square(z):.2f}, within 1/2/3 σ {within[0]:.0f}/{within[1]:.0f}/{within[2]:.1f} %"
+
+
 def report_errors(right):
     """Prints errors of right solutions, and how well their σ describe them."""
     if not right:
@@ -146,21 +204,7 @@ def report_errors(right):
     errors = [errors_arcsec(answer, truth) for answer, truth in right]
     axes = [e for error in errors for e in error[:2]]
     rolls = [error[2] for error in errors]
-    z_axes = [
-        e / s
-        for (answer, _), error in zip(right, errors)
-        for e, s in ((error[0], answer["sigma_east_arcsec"]), (error[1], answer["sigma_north_arcsec"]))
-        if s > 0
-    ]
-    z_roll = [error[2] / a["sigma_roll_arcsec"] for (a, _), error in zip(right, errors) if a["sigma_roll_arcsec"] > 0]
-
-    def coverage(z):
-        if not z:
-            return "no σ"
-        within = [100 * sum(abs(v) <= k for v in z) / len(z) for k in (1, 2, 3)]
-        chi2 = sum(v * v for v in z) / len(z)
-        return f"χ² {chi2:.2f}, within 1/2/3 σ {within[0]:.0f}/{within[1]:.0f}/{within[2]:.1f} %"
-
+    z_axes, z_roll = in_sigmas(right)
     scale = [(a["platescale_arcsec_px"] / t["platescale_arcsec_px"] - 1) * 1e6 for a, t in right]
     matched = sorted(answer["matched"] for answer, _ in right)
     print(
@@ -203,6 +247,73 @@ def score_rendered(verdict, directory):
     verdict("98 % of must solved right", f"{right} of {len(must)} ({rate:.1f} %) of {len(pairs)} frames", rate >= 98)
     wrong = wrong_of(pairs)
     verdict("no wrong solution", f"{len(wrong)} wrong {wrong[:5] or ''}".rstrip(), not wrong)
+
+
+def right_of(pairs):
+    """Pairs that were solved right."""
+    return [pair for pair in pairs if pair[0]["solved"] and is_right(*pair)]
+
+
+def score_peers(verdict, directory):
+    """Rates of right solutions by kind and of all kinds together; none wrong."""
+    pairs = read_directory(directory)
+    kinds = report_kinds(pairs)
+    excused_kinds = {kind for kind, rate in WANTED_RATES.items() if rate == 100} & kinds.keys()
+    excusable = 0
+    for kind, of_kind in kinds.items():
+        must = [pair for pair in of_kind if pair[1]["must"]]
+        right, wanted = len(right_of(must)), WANTED_RATES[kind]
+        got = f"{right} of {len(must)} ({100 * right / max(1, len(must)):.1f} %)"
+        if kind in excused_kinds:
+            excusable += len(must) - right
+            print(f"{kind}: {got}, judged with the other kinds of {wanted} %")
+        else:
+            verdict(f"{wanted} % of {kind}", got, right >= wanted / 100 * len(must))
+    if excused_kinds:
+        easy = sum(truth["must"] for kind in excused_kinds for _, truth in kinds[kind])
+        verdict(
+            f"all of {', '.join(sorted(excused_kinds))} but one of {EXCUSED_OF}",
+            f"{excusable} of {easy} missed",
+            excusable <= -(-easy // EXCUSED_OF),
+        )
+    must = [pair for pair in pairs if pair[1]["must"]]
+    right = len(right_of(must))
+    got = f"{right} of {len(must)} ({100 * right / max(1, len(must)):.1f} %)"
+    verdict(f"{WANTED_RATE_OF_ALL} % of all kinds together", got, right >= WANTED_RATE_OF_ALL / 100 * len(must))
+    wrong = wrong_of(pairs)
+    verdict("no wrong solution", f"{len(wrong)} of {len(pairs)} wrong {wrong[:5] or ''}".rstrip(), not wrong)
+
+
+def score_errors(verdict, directory):
+    """Errors of right solutions against their own σ, by kind and of all, and their rms."""
+    all_axes, all_roll = [], []
+    for kind, pairs in report_kinds(read_directory(directory)).items():
+        right = right_of(pairs)
+        axes, roll = in_sigmas(right)
+        all_axes += axes
+        all_roll += roll
+        judge_spread(verdict, f"{kind}, axes", axes, SLACK_OF_KIND)
+        judge_spread(verdict, f"{kind}, roll", roll, SLACK_OF_KIND)
+        if kind in WANTED_RMS:
+            errors = [errors_arcsec(*pair) for pair in right]
+            got = rms([e for error in errors for e in error[:2]]), rms([error[2] for error in errors])
+            limits = WANTED_RMS[kind]
+            passed = got[0] <= limits[0] and got[1] <= limits[1]
+            verdict(f"{kind}: rms at most {limits[0]}″ per axis, {limits[1]}″ in roll", f"{got[0]:.3f}″, {got[1]:.2f}″", passed)
+    judge_spread(verdict, "all kinds, axes", all_axes, SLACK_OF_ALL)
+    judge_spread(verdict, "all kinds, roll", all_roll, SLACK_OF_ALL)
+
+
+def judge_spread(verdict, what, z, slack):
+    """Whether values in σ are spread as a normal distribution has it."""
+    low, high = WANTED_CHI2
+    limits = ", ".join(f"{share} ± {s}" for share, s in zip(NORMAL_SHARES, slack))
+    passed = (
+        bool(z)
+        and low <= mean_square(z) <= high
+        and all(abs(got - share) <= s for got, share, s in zip(shares_within(z), NORMAL_SHARES, slack))
+    )
+    verdict(f"{what}: within 1, 2, 3 σ {limits} %, χ² {low} to {high}", f"{len(z)} values, {coverage(z)}", passed)
 
 
 def score_none(verdict, directory, what):
@@ -257,6 +368,35 @@ def score_speed(verdict, bench_file):
         verdict(f"{search} search, median of float frames, at most {limit} ms", f"{got:.2f} ms", got <= limit)
 
 
+def score_refusal(verdict, bench_file):
+    """Median thread CPU time until a frame without stars is refused, from what `cargo bench --bench solve` printed."""
+    text = Path(bench_file).read_text()
+    print(text.strip())
+    row = next((words for words in map(str.split, text.splitlines()) if words[:1] == ["shipped"]), [])
+    got, solved = (float(row[1]), row[-1]) if row else (math.nan, "?")
+    verdict("refusal of a frame without stars, median, at most 5 ms", f"{got:.2f} ms", got <= 5.0)
+    verdict("none solved", f"{solved} solved", solved == "0")
+
+
+def score_lists(verdict, bench_file):
+    """Lists of sources, from what `cargo bench --bench lists` printed."""
+    text = Path(bench_file).read_text()
+    print(text.strip())
+    for words in map(str.split, text.splitlines()):
+        match words:
+            case [case, count, right, wrong, median, p99, *_] if case.count("+") == 2:
+                verdict(f"{case}: 99.95 % right", f"{right} % of {count}", float(right) >= 99.95)
+                verdict(f"{case}: none wrong", wrong, wrong == "0")
+                verdict(f"{case}: median at most 0.3 ms", f"{median} ms", float(median) <= 0.3)
+                verdict(f"{case}: p99 at most 2 ms", f"{p99} ms", float(p99) <= 2.0)
+            case ["all", count, served, *_]:
+                verdict("none served of those that must not be", f"{served} of {count}", served == "0")
+            case ["bound", power, count, "of", lists, *_]:
+                bound = 10.0 ** int(power.removeprefix("10^").rstrip(":"))
+                share = int(count) / max(1, int(lists.strip(",")))
+                verdict(f"share with a bound of at most {bound:g}: no more", f"{share:g}", share <= bound)
+
+
 def score_horizontal(verdict, answer, truth):
     """Azimuth, elevation and horizontal roll within 0.3°."""
     if answer.get("az_deg") is None:
@@ -276,6 +416,14 @@ def main(arguments):
             score_real(verdict, truth, answers, group)
         case ["speed", bench]:
             score_speed(verdict, bench)
+        case ["refusal", bench]:
+            score_refusal(verdict, bench)
+        case ["lists", bench]:
+            score_lists(verdict, bench)
+        case ["peers", directory]:
+            score_peers(verdict, directory)
+        case ["errors", directory]:
+            score_errors(verdict, directory)
         case ["rendered", directory]:
             score_rendered(verdict, directory)
         case ["measured", directory]:

@@ -12,10 +12,10 @@ mod names;
 mod sky_field;
 mod triangles;
 
-pub use bitmap::SkyBitmap;
+pub use bitmap::{POINTS, SkyBitmap};
 pub use field::{FieldGeometry, FieldStar, FieldStars, field_rank, rank_limit};
 pub use file::{Catalogue, CatalogueError, CatalogueHeader, MAX_FILE_BYTES, Star};
 pub use grid::SkyGrid;
 pub use names::{Names, NamesError};
 pub use sky_field::Field;
-pub use triangles::{TriangleIndex, TriangleQuery, shape};
+pub use triangles::{FoundTriangle, Runs, TriangleIndex, TriangleQuery, shape};

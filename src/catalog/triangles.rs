@@ -56,6 +56,31 @@ pub struct TriangleQuery {
     pub length: (f64, f64),
 }
 
+/// A triangle of stars that a query wants.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct FoundTriangle {
+    /// Number of the query.
+    pub query: u32,
+    /// Corners A, B, C.
+    pub stars: [u32; 3],
+}
+
+/// Entries that may be what a query wants, and where in their bin x and y must lie.
+#[derive(Debug)]
+struct Run {
+    query: u32,
+    entries: Range<usize>,
+    x: (u8, u8),
+    y: (u8, u8),
+}
+
+/// Memory for [`TriangleIndex::find`].
+#[derive(Debug, Default)]
+pub struct Runs(Vec<Run>);
+
+/// Entries in a line of a processor's cache.
+const ENTRIES_PER_LINE: usize = 64 / size_of::<Entry>();
+
 /// All triangles and short pairs of index stars of one field.
 #[derive(Debug, Clone)]
 pub struct TriangleIndex {
@@ -143,9 +168,46 @@ impl TriangleIndex {
         self.pairs.last().map_or(0.0, |p| f64::from(p.chord))
     }
 
-    /// Calls `visit` with the corners A, B, C of every triangle of the wanted shape and length.
+    /// Finds the triangles of every query, in the queries' order.
+    ///
+    /// Much of the time goes into waiting for memory, so it is asked for many triangles at once: each pass reads what the one before
+    /// it has found out where to read.
     #[inline(always)]
-    pub fn triangles(&self, query: &TriangleQuery, mut visit: impl FnMut([u32; 3])) {
+    pub fn find(&self, queries: &[TriangleQuery], runs: &mut Runs, found: &mut Vec<FoundTriangle>) {
+        runs.0.clear();
+        for (number, query) in queries.iter().enumerate() {
+            self.runs_of(number as u32, query, &mut runs.0);
+        }
+        // One entry of each line of memory, so that the lines are on their way when they are needed.
+        let on_their_way = runs.0.iter().flat_map(|run| self.entries[run.entries.clone()].iter().step_by(ENTRIES_PER_LINE));
+        std::hint::black_box(on_their_way.fold(0, |sum, entry| sum ^ entry.a));
+        let mut count = 0;
+        for run in &runs.0 {
+            let entries = &self.entries[run.entries.clone()];
+            found.resize(count + entries.len(), FoundTriangle::default());
+            // Each is written where the next one goes and counted if it fits: no branch that could be guessed wrong.
+            for entry in entries {
+                found[count] = FoundTriangle { query: run.query, stars: [entry.a, u32::from(entry.b), u32::from(entry.c)] };
+                let (x, y) = (entry.x, entry.y);
+                count += usize::from((x >= run.x.0) & (x <= run.x.1) & (y >= run.y.0) & (y <= run.y.1));
+            }
+        }
+        found.truncate(count);
+        for FoundTriangle { stars: [a, b, c], .. } in found.iter_mut() {
+            let first = self.first_neighbour[*a as usize];
+            (*b, *c) = (self.neighbours[(first + *b) as usize], self.neighbours[(first + *c) as usize]);
+        }
+        found.retain(|triangle| {
+            let [a, b, _] = triangle.stars;
+            let side_sq = (self.directions[b as usize] - self.directions[a as usize]).norm_squared();
+            let (least, greatest) = queries[triangle.query as usize].length;
+            side_sq >= least * least && side_sq <= greatest * greatest
+        });
+    }
+
+    /// The runs of entries that a query looks through.
+    #[inline(always)]
+    fn runs_of(&self, number: u32, query: &TriangleQuery, runs: &mut Vec<Run>) {
         let Some(lengths) = self.log_range(query.length) else { return };
         let (x0, y0) = (query.x * SHAPE_BINS, query.y * SHAPE_BINS + 0.5 * Y_BINS as f64);
         let t = query.tolerance * SHAPE_BINS;
@@ -154,27 +216,16 @@ impl TriangleIndex {
             let last = (centre + t).clamp(-1.0, count as f64 - 1.0);
             first..if last < 0.0 { 0 } else { last as usize + 1 }
         };
-        let length_sq = (query.length.0.powi(2), query.length.1.powi(2));
         for ix in bins(x0, X_BINS) {
             for iy in bins(y0, Y_BINS) {
                 let base = (ix * Y_BINS + iy) * self.log_bins;
-                let run = self.offsets[base + lengths.start] as usize..self.offsets[base + lengths.end] as usize;
-                // In units of 1/256 of a bin, relative to this bin's corner.
-                let (cx, cy, ct) = ((x0 - ix as f64) * 256.0 - 0.5, (y0 - iy as f64) * 256.0 - 0.5, t * 256.0);
-                let range = |centre: f64| ((centre - ct).max(0.0) as u32, (centre + ct).clamp(0.0, 255.0) as u32);
-                let ((x_min, x_max), (y_min, y_max)) = (range(cx), range(cy));
-                for entry in &self.entries[run] {
-                    let (x, y) = (u32::from(entry.x), u32::from(entry.y));
-                    if x < x_min || x > x_max || y < y_min || y > y_max {
-                        continue;
-                    }
-                    let near = &self.neighbours[self.first_neighbour[entry.a as usize] as usize..];
-                    let (b, c) = (near[usize::from(entry.b)], near[usize::from(entry.c)]);
-                    let side = (self.directions[b as usize] - self.directions[entry.a as usize]).norm_squared();
-                    if side >= length_sq.0 && side <= length_sq.1 {
-                        visit([entry.a, b, c]);
-                    }
-                }
+                // In units of 1/256 of a bin, relative to this bin's corner; a bin that is touched at all has a part inside.
+                let range = |centre: f64, bin: usize| {
+                    let (centre, t) = ((centre - bin as f64) * 256.0 - 0.5, t * 256.0);
+                    ((centre - t).clamp(0.0, 255.0) as u8, (centre + t).clamp(0.0, 255.0) as u8)
+                };
+                let entries = self.offsets[base + lengths.start] as usize..self.offsets[base + lengths.end] as usize;
+                runs.push(Run { query: number, entries, x: range(x0, ix), y: range(y0, iy) });
             }
         }
     }

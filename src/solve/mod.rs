@@ -2,6 +2,8 @@
 //!
 //! [`Solver::solve`] runs the stages in order: statistics, sources, match, fit, requirements, verification. Uses all rooms
 //! before it; no clock, no disk: time and the wish to stop come in through [`Watch`].
+//!
+//! Who has sources already, and no frame, uses the match alone: [`PatternSearch`].
 
 mod fit;
 mod light;
@@ -13,14 +15,17 @@ mod requirements;
 mod solver;
 mod verify;
 
+pub use fit::{FitPrior, Pose};
 pub use outcome::{
     Cause, HorizontalSolution, Match, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, StageTimes, Statistics,
 };
+pub use pattern::{Allows, MAX_SOURCES, PatternSearch, SearchEnd, SearchRules, SearchTally};
 pub use report::{
     CandidateReport, Correction, ObserverReport, PointingReport, PriorReport, Report, SourceEntry, StarEntry, StatisticsReport,
     TimesReport,
 };
 pub use solver::Solver;
+pub use verify::{Assigned, FrameGeometry, Hypothesis, PatternSource};
 
 use std::time::Duration;
 

@@ -9,7 +9,7 @@
 use super::Stop;
 use super::fit::Pose;
 use super::verify::{FrameGeometry, Hypothesis, PatternSource, ln_hypotheses, verify};
-use crate::catalog::{Field, TriangleQuery, shape};
+use crate::catalog::{Field, FoundTriangle, POINTS, Runs, TriangleQuery, shape};
 use crate::sky::{Attitude, Kernel, Vec3, with_vectors};
 
 /// Half width of the box in which a triangle's shape is looked for, px over the longest side (trials: loses nothing at 1 px of
@@ -17,8 +17,8 @@ use crate::sky::{Attitude, Kernel, Vec3, with_vectors};
 const SHAPE_TOLERANCE_PX: f64 = 2.5;
 /// Sources beyond the pattern that must fall on a star: with few sources two are enough, with many chance gives two.
 const FEW_SOURCES: usize = 9;
-/// Sources that a pattern can be made of: as many as a word has bits.
-pub const MAX_SOURCES: usize = 32;
+/// Sources that a pattern can be made of: as many as are screened at once.
+pub const MAX_SOURCES: usize = POINTS;
 /// Triangles remembered for the display.
 const REMEMBERED: usize = 64;
 /// Share of the budget that pairs may use: a last resort.
@@ -67,67 +67,6 @@ pub struct SearchTally {
     pub triangles: Vec<[u8; 3]>,
 }
 
-/// Three directions' own tangent plane: at their middle, the first axis along the side from the first to the second.
-struct Plane {
-    middle: Vec3,
-    along: Vec3,
-    across: Vec3,
-}
-
-impl Plane {
-    fn new(a: &Vec3, b: &Vec3, middle: Vec3) -> Self {
-        let middle = middle.normalize();
-        let ab = b - a;
-        let along = (ab - middle * ab.dot(&middle)).normalize();
-        Self { along, across: middle.cross(&along), middle }
-    }
-
-    #[inline]
-    fn project(&self, d: &Vec3) -> (f64, f64) {
-        let depth = 1.0 / d.dot(&self.middle);
-        (d.dot(&self.along) * depth, d.dot(&self.across) * depth)
-    }
-
-    #[inline]
-    fn lift(&self, (u, v): (f64, f64)) -> Vec3 {
-        self.middle + self.along * u + self.across * v
-    }
-}
-
-/// Rotation, scale and shift in a plane: w = a z + d as complex numbers.
-struct Similarity {
-    a: (f64, f64),
-    d: (f64, f64),
-}
-
-impl Similarity {
-    /// Least squares over the given points.
-    #[inline(always)]
-    fn fit<const N: usize>(from: &[(f64, f64); N], to: &[(f64, f64); N]) -> Self {
-        let n = N as f64;
-        let mean = |p: &[(f64, f64); N]| (p.iter().map(|q| q.0).sum::<f64>() / n, p.iter().map(|q| q.1).sum::<f64>() / n);
-        let (zm, wm) = (mean(from), mean(to));
-        let (mut re, mut im, mut norm) = (0.0, 0.0, 0.0);
-        for (z, w) in from.iter().zip(to) {
-            let (zx, zy, wx, wy) = (z.0 - zm.0, z.1 - zm.1, w.0 - wm.0, w.1 - wm.1);
-            re += wx * zx + wy * zy;
-            im += wy * zx - wx * zy;
-            norm += zx * zx + zy * zy;
-        }
-        let a = (re / norm, im / norm);
-        Self { a, d: (wm.0 - (a.0 * zm.0 - a.1 * zm.1), wm.1 - (a.0 * zm.1 + a.1 * zm.0)) }
-    }
-
-    #[inline]
-    fn apply(&self, z: (f64, f64)) -> (f64, f64) {
-        (self.a.0 * z.0 - self.a.1 * z.1 + self.d.0, self.a.0 * z.1 + self.a.1 * z.0 + self.d.1)
-    }
-
-    fn scale(&self) -> f64 {
-        self.a.0.hypot(self.a.1)
-    }
-}
-
 /// A search over one list of sources.
 pub struct PatternSearch<'a> {
     field: &'a Field,
@@ -140,6 +79,8 @@ pub struct PatternSearch<'a> {
     ln_region: f64,
     best: Option<Hypothesis>,
     tally: SearchTally,
+    /// Cells of the sky that the sources fall into, for each candidate.
+    cells: Vec<[u32; MAX_SOURCES]>,
 }
 
 impl<'a> PatternSearch<'a> {
@@ -159,6 +100,7 @@ impl<'a> PatternSearch<'a> {
             ln_region: ln_hypotheses(sources.len(), geometry, field, fraction),
             best: None,
             tally: SearchTally::default(),
+            cells: Vec::new(),
         }
     }
 
@@ -170,52 +112,43 @@ impl<'a> PatternSearch<'a> {
     }
 
     /// Every triangle of sources, by the faintest in it.
+    ///
+    /// Those with the same two fainter corners are looked up together, which hides much of the wait for memory: one at first, when one
+    /// may be enough, and more later.
     #[inline(always)]
     fn triangles(&mut self) -> Option<SearchEnd> {
+        let field = self.field;
+        let (mut queries, mut planes, mut runs, mut found) = (Vec::new(), Vec::new(), Runs::default(), Vec::new());
         for k in 2..self.sources.len() {
             for j in 1..k {
+                queries.clear();
+                planes.clear();
                 for i in 0..j {
-                    if let Some(end) = self.triangle([i, j, k]) {
-                        return Some(end);
-                    }
+                    self.ask([i, j, k], &mut queries, &mut planes);
+                }
+                field.triangles.find(&queries, &mut runs, &mut found);
+                let (end, looked_at) = self.screen(&planes, &found, |t: &FoundTriangle| (t.query as usize, t.stars));
+                self.remember(&planes[..looked_at]);
+                if end.is_some() {
+                    return end;
                 }
             }
         }
         None
     }
 
-    /// One triangle of sources, in every labelling that the errors of its corners allow.
+    /// What to look up for one triangle of sources: every labelling that the errors of its corners allow.
     #[inline(always)]
-    fn triangle(&mut self, corners: [usize; 3]) -> Option<SearchEnd> {
-        let [p, q, r] = corners;
-        let mut looked_up = false;
+    fn ask(&self, [p, q, r]: [usize; 3], queries: &mut Vec<TriangleQuery>, planes: &mut Vec<SourcePlane<3>>) {
         for [a, b, c] in [[p, q, r], [q, p, r], [p, r, q], [r, p, q], [q, r, p], [r, q, p]] {
             let (x, y, length) = shape(&self.sources[a].direction, &self.sources[b].direction, &self.sources[c].direction);
             let slack = SHAPE_TOLERANCE_PX * self.field.geometry.platescale / length;
             let longest = x * x + y * y <= (1.0 + slack).powi(2) && (1.0 - x).powi(2) + y * y <= (1.0 + slack).powi(2);
-            if !longest || x > 0.5 + slack {
-                continue;
-            }
-            let query = TriangleQuery { x, y, tolerance: slack, length: self.length_range(length) };
-            let source_plane = self.plane_of_sources([a, b, c]);
-            let mut end = None;
-            let field = self.field;
-            field.triangles.triangles(&query, |stars| {
-                if end.is_none() {
-                    let star = stars.map(|s| *field.triangles.direction(s));
-                    end = self.candidate(&source_plane, &star);
-                }
-            });
-            looked_up = true;
-            if end.is_some() {
-                self.remember(corners);
-                return end;
+            if longest && x <= 0.5 + slack {
+                queries.push(TriangleQuery { x, y, tolerance: slack, length: self.length_range(length) });
+                planes.push(SourcePlane::new(self.sources, [a, b, c]));
             }
         }
-        if looked_up {
-            self.remember(corners);
-        }
-        None
     }
 
     /// Every short pair of sources, both ways round, within its share of the budget.
@@ -223,28 +156,19 @@ impl<'a> PatternSearch<'a> {
     fn pairs(&mut self) -> Option<SearchEnd> {
         let spent = self.tally.candidates;
         let allowed = (self.rules.budget as f64 * PAIR_SHARE) as u64;
+        let mut found: Vec<[u32; 2]> = Vec::new();
         for j in 1..self.sources.len() {
             for i in 0..j {
                 let length = (self.sources[j].direction - self.sources[i].direction).norm();
                 if length < self.field.triangles.sides().0 || length > self.field.triangles.longest_pair() {
                     continue;
                 }
-                let plane = self.plane_of_sources([i, j]);
-                let mut end = None;
-                let field = self.field;
-                field.triangles.pairs(self.length_range(length), |[a, b]| {
-                    for star in [[a, b], [b, a]] {
-                        if end.is_none() && self.tally.candidates - spent < allowed {
-                            let star = star.map(|s| *field.triangles.direction(s));
-                            end = self.candidate(&plane, &star);
-                        }
-                    }
-                });
+                found.clear();
+                self.field.triangles.pairs(self.length_range(length), |[a, b]| found.extend([[a, b], [b, a]]));
+                found.truncate((allowed - (self.tally.candidates - spent)) as usize);
+                let (end, _) = self.screen(&[SourcePlane::new(self.sources, [i, j])], &found, |&stars| (0, stars));
                 if end.is_some() {
                     return end;
-                }
-                if self.tally.candidates - spent >= allowed {
-                    return None;
                 }
             }
         }
@@ -259,63 +183,63 @@ impl<'a> PatternSearch<'a> {
         ((length * low / middle - slack).max(0.0), length * high / middle + slack)
     }
 
-    /// The tangent plane of the sources at some corners.
+    /// Screens candidates, each a plane of sources whose corners may be the stars found; verifies those where enough other sources fall
+    /// on stars. How the search ends, if it does, and the number of planes that were looked at.
     #[inline(always)]
-    fn plane_of_sources<const N: usize>(&self, corners: [usize; N]) -> SourcePlane<N> {
-        let plane = Plane::new(
-            &self.sources[corners[0]].direction,
-            &self.sources[corners[1]].direction,
-            corners.iter().map(|&c| self.sources[c].direction).sum(),
-        );
-        let up = Vec3::new(0.0, 0.02, 1.0);
-        let points = self.sources.iter().take(MAX_SOURCES).map(|s| plane.project(&s.direction));
-        let (mut x, mut y) = ([0f32; MAX_SOURCES], [0f32; MAX_SOURCES]);
-        for (i, point) in points.enumerate() {
-            (x[i], y[i]) = (point.0 as f32, point.1 as f32);
+    fn screen<const N: usize, F>(
+        &mut self,
+        planes: &[SourcePlane<N>],
+        found: &[F],
+        candidate: impl Fn(&F) -> (usize, [u32; N]),
+    ) -> (Option<SearchEnd>, usize) {
+        let (field, count) = (self.field, self.sources.len());
+        let mut cells = std::mem::take(&mut self.cells);
+        cells.clear();
+        for place in found {
+            let (plane, stars) = candidate(place);
+            let lifted = planes[plane].lift(&stars.map(|s| *field.triangles.direction(s)));
+            cells.push(field.bitmap.cells(&lifted, &planes[plane].x, &planes[plane].y, count));
         }
-        SourcePlane {
-            at: corners.map(|c| plane.project(&self.sources[c].direction)),
-            x,
-            y,
-            corners: corners.iter().map(|&c| 1u32 << c).fold(!0 << (self.sources.len() - 1) << 1, |bits, c| bits | c),
-            boresight: plane.project(&Vec3::z()),
-            up: plane.project(&up),
+        let (mut end, mut looked_at) = (None, planes.len());
+        for (place, cells) in found.iter().zip(&cells) {
+            let (plane, stars) = candidate(place);
+            let hits = field.bitmap.hits(&cells[..count]) & !planes[plane].corner_bits;
+            end = self.count_candidate();
+            if end.is_none() && hits.count_ones() as usize >= self.need {
+                end = self.look_at(&planes[plane], &stars.map(|s| *field.triangles.direction(s)));
+            }
+            if end.is_some() {
+                looked_at = plane + 1;
+                break;
+            }
         }
+        self.cells = cells;
+        (end, looked_at)
     }
 
-    /// Screens one candidate: the corners are these stars; verifies it where enough other sources fall on stars.
+    /// Counts a candidate; ends the search where that was too many, or somebody wants it to.
     #[inline(always)]
-    fn candidate<const N: usize>(&mut self, plane: &SourcePlane<N>, stars: &[Vec3; N]) -> Option<SearchEnd> {
+    fn count_candidate(&mut self) -> Option<SearchEnd> {
         self.tally.candidates += 1;
         if self.tally.candidates.is_multiple_of(256)
             && let Some(stop) = (self.rules.stop)()
         {
             return Some(SearchEnd::Stopped(stop));
         }
-        if self.tally.candidates > self.rules.budget {
-            return Some(SearchEnd::Budget(self.best.take()));
-        }
-        let middle: Vec3 = stars.iter().sum();
-        let sky = Plane::new(&stars[0], &stars[1], middle);
-        let similarity = Similarity::fit(&plane.at, &stars.map(|s| sky.project(&s)));
-        let platescale = self.field.geometry.platescale * similarity.scale();
-        let boresight = sky.lift(similarity.apply(plane.boresight));
-        let inside = self.rules.region.as_ref().is_none_or(|(_, allows)| allows(&boresight.normalize()));
+        (self.tally.candidates > self.rules.budget).then(|| SearchEnd::Budget(self.best.take()))
+    }
+
+    /// Verifies a candidate that passed the screen.
+    fn look_at<const N: usize>(&mut self, plane: &SourcePlane<N>, stars: &[Vec3; N]) -> Option<SearchEnd> {
+        let lifted = plane.lift(stars);
+        let at = |(x, y): (f64, f64)| lifted[0] + lifted[1] * x + lifted[2] * y;
+        let boresight = at(plane.boresight).normalize();
+        let inside = self.rules.region.as_ref().is_none_or(|(_, allows)| allows(&boresight));
         if self.rules.region_only && !inside {
             return None;
         }
-        // The similarity and the lift in one: a point z goes to m + Re z · p + Im z · q.
-        let turned = [
-            sky.lift(similarity.d),
-            sky.along * similarity.a.0 + sky.across * similarity.a.1,
-            sky.across * similarity.a.0 - sky.along * similarity.a.1,
-        ];
-        let hits = self.field.bitmap.hits(&turned, &plane.x, &plane.y) & !plane.corners;
-        if (hits.count_ones() as usize) < self.need {
-            return None;
-        }
-        let up = sky.lift(similarity.apply(plane.up)).normalize() - boresight.normalize();
-        let attitude = Attitude::from_boresight_up(&boresight, &up)?;
+        let attitude = Attitude::from_boresight_up(&boresight, &(at(plane.up).normalize() - boresight))?;
+        let platescale = self.field.geometry.platescale * lifted[1].norm();
         self.verified(&Pose { attitude, platescale, k1: 0.0 }, N + self.need)
     }
 
@@ -335,11 +259,17 @@ impl<'a> PatternSearch<'a> {
         None
     }
 
-    fn remember(&mut self, corners: [usize; 3]) {
-        if self.tally.triangles.len() == REMEMBERED {
-            self.tally.triangles.remove(0);
+    /// Keeps the last triangles for the display, each once however many labellings it has.
+    fn remember(&mut self, planes: &[SourcePlane<3>]) {
+        let triangles = &mut self.tally.triangles;
+        for plane in planes {
+            let mut corners = plane.corners.map(|c| c as u8);
+            corners.sort_unstable();
+            if triangles.last() != Some(&corners) {
+                triangles.push(corners);
+            }
         }
-        self.tally.triangles.push(corners.map(|c| c.min(usize::from(u8::MAX)) as u8));
+        triangles.drain(..triangles.len().saturating_sub(REMEMBERED));
     }
 }
 
@@ -355,15 +285,69 @@ impl Kernel for Patterns<'_, '_> {
     }
 }
 
-/// The sources, the boresight and a point above it in the tangent plane of a pattern with N corners.
+/// A little way up from the boresight, in the camera frame: with the boresight it gives the roll.
+const ABOVE_BORESIGHT: f64 = 0.02;
+
+/// The sources in the tangent plane at the middle of a pattern with N corners, counted from the corners' mean.
 struct SourcePlane<const N: usize> {
-    /// The corners.
-    at: [(f64, f64); N],
+    /// The corners, over the sum of their squared distances from the mean.
+    corner_weights: [(f64, f64); N],
     /// Every source.
     x: [f32; MAX_SOURCES],
     y: [f32; MAX_SOURCES],
-    /// Bits of what does not count as a hit: the corners, and the places behind the last source.
-    corners: u32,
+    /// Which sources the corners are; as bits, for they do not count as hits.
+    corners: [usize; N],
+    corner_bits: u32,
     boresight: (f64, f64),
+    /// A point above the boresight.
     up: (f64, f64),
+}
+
+impl<const N: usize> SourcePlane<N> {
+    #[inline(always)]
+    fn new(sources: &[PatternSource], corners: [usize; N]) -> Self {
+        let at = corners.map(|c| sources[c].direction);
+        let middle = at.iter().sum::<Vec3>().normalize();
+        let along = (at[1] - at[0]).cross(&middle).normalize();
+        let across = middle.cross(&along);
+        let project = |d: &Vec3| {
+            let depth = 1.0 / d.dot(&middle);
+            (d.dot(&along) * depth, d.dot(&across) * depth)
+        };
+        let projected = at.map(|d| project(&d));
+        let mean = projected.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p.0 / N as f64, sum.1 + p.1 / N as f64));
+        let from_mean = |p: (f64, f64)| (p.0 - mean.0, p.1 - mean.1);
+        let spread: f64 = projected.iter().map(|&p| from_mean(p)).map(|p| p.0 * p.0 + p.1 * p.1).sum();
+        let (mut x, mut y) = ([0f32; MAX_SOURCES], [0f32; MAX_SOURCES]);
+        for (source, (x, y)) in sources.iter().zip(x.iter_mut().zip(&mut y)) {
+            let place = from_mean(project(&source.direction));
+            (*x, *y) = (place.0 as f32, place.1 as f32);
+        }
+        Self {
+            corner_weights: projected.map(from_mean).map(|p| (p.0 / spread, p.1 / spread)),
+            x,
+            y,
+            corners,
+            corner_bits: corners.iter().fold(0, |bits, &c| bits | 1 << c),
+            boresight: from_mean(project(&Vec3::z())),
+            up: from_mean(project(&Vec3::new(0.0, ABOVE_BORESIGHT, 1.0))),
+        }
+    }
+
+    /// How the plane lies on the sky where the corners are these stars: a point (x, y) at `[0] + x [1] + y [2]`. Rotation, scale and
+    /// shift by least squares, in the stars' own tangent plane.
+    #[inline(always)]
+    fn lift(&self, stars: &[Vec3; N]) -> [Vec3; 3] {
+        let middle = stars.iter().sum::<Vec3>().normalize();
+        let projected = stars.map(|s| s / s.dot(&middle));
+        let mean = projected.iter().sum::<Vec3>() / N as f64;
+        let (mut from_x, mut from_y) = (Vec3::zeros(), Vec3::zeros());
+        for (star, &(x, y)) in projected.iter().zip(&self.corner_weights) {
+            from_x += (star - mean) * x;
+            from_y += (star - mean) * y;
+        }
+        // A quarter turn takes the image of x to that of y: of the two that the corners give, the mean counts.
+        let along = from_x - middle.cross(&from_y);
+        [mean, along, middle.cross(&along)]
+    }
 }

@@ -1,6 +1,5 @@
 //! The solver: one frame in, one outcome out.
 
-use super::fit::FitPrior;
 use super::light::{LightFit, fit_by_light};
 use super::pattern::{PatternSearch, SearchEnd, SearchRules, SearchTally};
 use super::refine::{refine, solution_of};
@@ -295,19 +294,7 @@ impl Solver {
             rows: frame.rows,
             mirrored: settings.camera.mirrored,
         };
-        let (low, high) = field.platescale_range;
-        let geometry = FrameGeometry {
-            size: (frame.width as f64, frame.height as f64),
-            half_diagonal: camera.half_diagonal_px(),
-            tolerance: settings.solver.matching.tolerance_px,
-            floor: settings.solver.fit.centroid_floor_px,
-            prior: FitPrior {
-                platescale: field.geometry.platescale,
-                // Three of these reach well past the range: it must not pull a plate scale that is inside.
-                sigma_ln_platescale: (high - low) / (high + low),
-                sigma_k1: settings.solver.fit.distortion_sigma,
-            },
-        };
+        let geometry = FrameGeometry::new(&settings.solver, field, frame.width, frame.height);
         let year = frame.stamp.captured.map(|(utc, _)| utc.julian_year());
         let observer = self.observer(frame, prior);
         let circles = requirements::expected_circles(&settings.solver.requirements, prior, observer.as_ref(), year);
@@ -493,13 +480,7 @@ fn report(source: &Source) -> SourceReport {
 
 fn pattern_source(source: &Source, camera: &CameraModel) -> PatternSource {
     let (left, up) = camera.offsets(source.x, source.y);
-    PatternSource {
-        left,
-        up,
-        sigma: source.sigma,
-        mag: -2.5 * source.flux.max(1e-3).log10(),
-        direction: camera.to_direction(source.x, source.y),
-    }
+    PatternSource::new(left, up, source.sigma, source.flux, camera.platescale)
 }
 
 /// The solution against the horizon, where the observer is known.

@@ -7,6 +7,7 @@
 
 use super::fit::{FitPrior, Pair, Pose, fit};
 use crate::catalog::{Field, field_rank};
+use crate::settings::SolverSettings;
 use crate::sky::Vec3;
 
 /// A source as the matcher sees it.
@@ -22,6 +23,18 @@ pub struct PatternSource {
     pub mag: f64,
     /// Direction in the camera frame at the plate scale in the middle of its range.
     pub direction: Vec3,
+}
+
+/// Least flux that has a brightness: far below what any source has, in ADU or in electrons.
+const LEAST_FLUX: f64 = 1e-3;
+
+impl PatternSource {
+    /// A source at offsets from the centre along left and up, px, with one σ of either, px, and its flux in any unit, for a camera
+    /// whose plate scale is about `platescale`, rad/px.
+    pub fn new(left: f64, up: f64, sigma: f64, flux: f64, platescale: f64) -> Self {
+        let direction = Vec3::new(left * platescale, up * platescale, 1.0).normalize();
+        Self { left, up, sigma, mag: -2.5 * flux.max(LEAST_FLUX).log10(), direction }
+    }
 }
 
 /// A source and the star of the field that it may be.
@@ -59,6 +72,26 @@ pub struct FrameGeometry {
     pub floor: f64,
     /// What is known of the camera.
     pub prior: FitPrior,
+}
+
+impl FrameGeometry {
+    /// The geometry of frames of `width` × `height` px, for which `field` was made.
+    pub fn new(settings: &SolverSettings, field: &Field, width: usize, height: usize) -> Self {
+        let size = (width as f64, height as f64);
+        let (low, high) = field.platescale_range;
+        Self {
+            size,
+            half_diagonal: 0.5 * size.0.hypot(size.1),
+            tolerance: settings.matching.tolerance_px,
+            floor: settings.fit.centroid_floor_px,
+            prior: FitPrior {
+                platescale: field.geometry.platescale,
+                // Three of these reach well past the range: it must not pull a plate scale that is inside.
+                sigma_ln_platescale: (high - low) / (high + low),
+                sigma_k1: settings.fit.distortion_sigma,
+            },
+        }
+    }
 }
 
 /// A source is no catalogued star with this probability.
