@@ -38,6 +38,8 @@ struct Prepared {
 
 /// A frame with more of its pixels saturated has no sky left to look at.
 const TOO_BRIGHT_FRACTION: f64 = 0.95;
+/// Whole stars lie no further than this from the fit, rms per axis, samples of the picture that they were measured in.
+const WORST_RMS_PX: f64 = 1.5;
 /// Sources that a pattern and its check need at least.
 const LEAST_SOURCES: usize = 4;
 /// A candidate less unlikely than this to be chance is worth reporting as `undecided`, ln.
@@ -414,6 +416,9 @@ impl Solver {
         );
         let mut solution = solution_of(&fit, &matches, &all, field, geometry, mirror, found.false_ln);
         solution.epoch_yr = apply.then_some(epoch);
+        // Matches that lie so far off are of several kinds of pieces: where the stars are is not known better than that.
+        let common_px =
+            if solution.rms_px > WORST_RMS_PX * (1 << context.scale) as f64 { common_px.max(solution.rms_px) } else { common_px };
         // What all sources have in common moves the boresight alone.
         let variance = (common_px * solution.platescale).powi(2);
         solution.covariance += Mat3::from_diagonal(&Vec3::new(variance, variance, 0.0));
