@@ -18,7 +18,7 @@ pub enum SearchKernel {
     Trail {
         /// Times that the picture is halved.
         scale: usize,
-        /// One of [`trails::DIRECTIONS`].
+        /// In eighths of half a turn, from x towards y.
         direction: usize,
     },
 }
