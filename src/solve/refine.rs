@@ -14,6 +14,9 @@ const FIRST_TOLERANCE_PX: f64 = 2.5;
 const ROUNDS: usize = 4;
 /// Stars fainter than the faintest source by more than this are not looked at, mag.
 const DEPTH_MARGIN: f64 = 1.0;
+/// A source brighter than its star by more than this is something else that lies near it, mag: three times the scatter of magnitudes. (It
+/// may be fainter: stars saturate.)
+const TOO_BRIGHT_MAG: f64 = 2.0;
 /// The scatter that a fit of few pairs shows is not believed below this, of that which the σ explain.
 const LEAST_SCATTER: f64 = 1.0;
 
@@ -29,7 +32,8 @@ pub fn refine(
     geometry: &FrameGeometry,
     years: f64,
 ) -> Option<(Fit, Vec<Assigned>)> {
-    let faintest = faintest_star(sources, first, field);
+    let zero_point = zero_point(sources, first, field);
+    let faintest = sources.iter().map(|s| s.mag).fold(f64::MIN, f64::max) - zero_point + DEPTH_MARGIN;
     let mut pose = *start;
     let mut scatter = f64::INFINITY;
     let mut stars = Vec::new();
@@ -39,6 +43,10 @@ pub fn refine(
         project_stars(field, &pose, geometry, u8::MAX, &mut stars);
         stars.retain(|&(i, _, _)| field.stars.stars.get(i).is_some_and(|s| f64::from(s.mag) <= faintest));
         assign(sources, &stars, |s| tolerance(s, geometry, scatter), &mut matches);
+        matches.retain(|m| {
+            let mags = sources.get(m.source).zip(field.stars.stars.get(m.star));
+            mags.is_some_and(|(source, star)| source.mag - zero_point >= f64::from(star.mag) - TOO_BRIGHT_MAG)
+        });
         let pairs = final_pairs(sources, &matches, field, catalogue, geometry, years);
         let fitted = fit(&pairs, &pose, geometry.half_diagonal, &geometry.prior)?;
         pose = fitted.pose;
@@ -56,14 +64,12 @@ fn tolerance(source: &PatternSource, geometry: &FrameGeometry, scatter: f64) -> 
     (CLIP_SIGMAS * scatter * source.sigma.hypot(geometry.floor)).clamp(LEAST_TOLERANCE_PX, geometry.tolerance)
 }
 
-/// The faintest star worth looking at: the faintest source's brightness by the zero point of the first matches, and a margin.
-fn faintest_star(sources: &[PatternSource], first: &[Assigned], field: &Field) -> f64 {
-    let mut zero_points: Vec<f64> =
-        first.iter().filter_map(|m| Some(sources.get(m.source)?.mag - f64::from(field.stars.stars.get(m.star)?.mag))).collect();
-    zero_points.sort_by(f64::total_cmp);
-    let zero_point = zero_points.get(zero_points.len() / 2).copied().unwrap_or(0.0);
-    let faintest = sources.iter().map(|s| s.mag).fold(f64::MIN, f64::max);
-    faintest - zero_point + DEPTH_MARGIN
+/// Median of the brightness of sources less that of their stars, mag.
+fn zero_point(sources: &[PatternSource], matches: &[Assigned], field: &Field) -> f64 {
+    let mut differences: Vec<f64> =
+        matches.iter().filter_map(|m| Some(sources.get(m.source)?.mag - f64::from(field.stars.stars.get(m.star)?.mag))).collect();
+    differences.sort_by(f64::total_cmp);
+    differences.get(differences.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// The pairs of the final fit, with the stars moved to the epoch of observation.
