@@ -34,9 +34,9 @@ pub struct Density {
     pub longest_side: f64,
 }
 
-/// Pairs of neighbours of index stars that an index is made of, at most: twice as many as for the flight camera. A sixth of them
-/// are the sides of a triangle of 8 bytes, so that an index has 120 MB at most and is built in a second or so.
-const MOST_PAIRS: f64 = 8e7;
+/// Pairs of neighbours of index stars that an index is made of, at most: half as many again as for the flight camera. A sixth of them
+/// are the sides of a triangle of 8 bytes, so that an index has 100 MB of them at most and all is built in two seconds.
+const MOST_PAIRS: f64 = 6e7;
 /// Where there would be more, the longest side is shortened down to this fraction of the diagonal, and then stars are left out: the
 /// pairs go down with the fourth power of the one and the third of the other, and short triangles are nearly as good as long ones.
 const SHORTENED_TO: f64 = 0.45;
