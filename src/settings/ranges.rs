@@ -95,6 +95,7 @@ pub(super) const RULES: &[Rule] = &[
     whole("focus.search_min_counts", "encoder counts", 0, 65_535),
     whole("focus.search_max_counts", "encoder counts", 0, 65_535),
     word("catalog.file", Kind::OptionalPath),
+    word("catalog.cache_directory", Kind::OptionalPath),
     number("catalog.epoch_yr", "Julian year", 1950.0, 2100.0),
     number("catalog.blend_px", "px", 0.0, 100.0),
     number("catalog.index_stars_per_field", "stars", 5.0, 100.0),
