@@ -349,6 +349,9 @@ impl Solver {
 
     /// The final fit of a pattern beyond doubt, its horizontal coordinates, and the requirements.
     fn conclude(&self, context: &Context<'_>, all: &[PatternSource], found: &Hypothesis, outcome: &mut Outcome) {
+        // What an earlier search of this frame was short of is no longer so.
+        (outcome.cause, outcome.candidate) = (None, None);
+        outcome.detail.clear();
         let Some(mut solution) = self.solution(context, all, found, &mut outcome.sources) else {
             outcome.reason = Reason::Failed;
             outcome.detail = "the final fit of a verified pattern did not settle".into();
@@ -444,7 +447,8 @@ impl Solver {
                     best.matches.len(),
                     best.false_ln / std::f64::consts::LN_10,
                 );
-                outcome.candidate = self.solution(context, all, &best, &mut outcome.sources);
+                // The sources reported may be another search's, and what is not served measures nothing anew.
+                outcome.candidate = self.solution(context, all, &best, &mut []);
             }
             None if outcome.reason != Reason::Undecided => {
                 outcome.reason = Reason::NoMatch;

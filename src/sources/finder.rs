@@ -117,7 +117,8 @@ struct Survey {
 /// Scales that are surveyed round, and those that are surveyed for trails: kernels of 2, 4 and 8 px; trails of 12 and 24 px.
 const ROUND_SCALES: std::ops::RangeInclusive<usize> = 1..=3;
 const TRAIL_SCALES: std::ops::RangeInclusive<usize> = 1..=2;
-/// Sources whose confidence decides what a kernel is worth: about as many as there are stars. None of them counts for more than this, so that one bright star does not decide for all.
+/// Sources whose confidence decides what a kernel is worth: about as many as there are stars. None of them counts for more than this,
+/// so that one bright star does not decide for all.
 const DECIDING: usize = 12;
 const MOST_OF_ONE: f32 = 8.0;
 /// Peaks that a cell gives along a direction: all directions are measured before one is chosen.

@@ -1,7 +1,8 @@
 //! The frame's own point spread function, whatever its shape, from stars whose places are known: trails, trails in pieces, discs.
 //!
 //! A trail of several exposures is found piece by piece, and a pattern of equal pieces solves as well as one of whole stars. Once a
-//! pose says where the stars are, the pictures of all of them laid on top of each other show where the light of a star really lies; and with that picture as its template each star can be measured as well as its light allows.
+//! pose says where the stars are, the pictures of all of them laid on top of each other show where the light of a star really lies; and
+//! with that picture as its template each star can be measured as well as its light allows.
 
 #![allow(clippy::indexing_slicing, reason = "a numeric kernel: bins are counted by the constants that size them")]
 

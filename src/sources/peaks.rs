@@ -288,7 +288,7 @@ pub fn scan_row(rows: [&[f32]; 3], y: usize, columns: usize, rules: &PeakRules<'
         if here[first..last].first_chunk().is_some_and(|block| !any_above(block, threshold)) {
             continue;
         }
-        for x in first.max(rules.border)..last.min(width - rules.border) {
+        for x in first.max(rules.border)..last.min(width.saturating_sub(rules.border)) {
             let is_peak = here[x] > threshold && rows.iter().all(|row| row[x - 1..=x + 1].iter().all(|&d| d <= here[x]));
             if is_peak && !(rules.masked)(x, y) {
                 insert(&mut cells[(y / rules.cell) * columns + x / rules.cell], Peak { x, y, height: here[x] }, rules.per_cell);
