@@ -14,7 +14,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use shared::{quantile, timed};
-use stars::catalog::{Catalogue, Field};
+use stars::catalog::{Catalogue, Field, FieldKey};
 use stars::settings::Settings;
 use stars::sky::{Attitude, Vec3};
 use stars::solve::{FrameGeometry, PatternSearch, PatternSource, Pose, SearchEnd, SearchRules, SearchTally};
@@ -228,7 +228,8 @@ fn main() {
     let matching = &mut settings.solver.matching;
     matching.platescale_min_arcsec_px = PLATESCALE_ARCSEC * (1.0 - PLATESCALE_KNOWN_TO);
     matching.platescale_max_arcsec_px = PLATESCALE_ARCSEC * (1.0 + PLATESCALE_KNOWN_TO);
-    let field = Field::build(&Catalogue::embedded().unwrap(), &settings, WIDTH, HEIGHT);
+    let catalogue = Catalogue::embedded().unwrap();
+    let field = Field::build(&catalogue, &FieldKey::new(&catalogue, &settings, WIDTH, HEIGHT), &|| true).unwrap();
     let rules = SearchRules {
         min_matched: settings.solver.matching.min_matched as usize,
         max_false_ln: settings.solver.matching.max_false_probability_log10 * LN_10,

@@ -59,6 +59,8 @@ def sky(ra, dec, stars=16):
 def main():
     messages()
     catalogue()
+    put("index", "head", b"STARSIDX" + struct.pack("<I", 1))
+    put("index", "altered", bytes([0xFF, 200, 1, 0, 0, 7, 100, 0, 0, 40, 255]))
     for n, (ra, dec) in enumerate([(1.4, 0.1), (4.2, -0.5), (5.4, 0.8)]):
         put("solve", f"sky{n}", sky(ra, dec))
     put("solve", "blank", bytes([4, 0, 255, 0]))

@@ -3,7 +3,7 @@
 
     score.py flight|esa TRUTH.json ANSWERS.jsonl
     score.py speed|refusal|lists BENCH.txt
-    score.py rendered|nostars|mirrored|measured|peers|errors DIRECTORY
+    score.py rendered|nostars|mirrored|measured|peers|errors|scale DIRECTORY
 
 A DIRECTORY holds `*.truth.json`, as `stars render` writes them, and answers in `*.jsonl`; the image's name joins the two.
 Prints what was measured, then one line `wanted: … got: … PASS|FAIL` for each thing wanted; exits 1 if any failed.
@@ -397,6 +397,44 @@ def score_lists(verdict, bench_file):
                 verdict(f"share with a bound of at most {bound:g}: no more", f"{share:g}", share <= bound)
 
 
+def read_index(path):
+    """What `stars catalog --index` printed: its lines by their first word."""
+    lines = (line.split(maxsplit=1) for line in Path(path).read_text().splitlines())
+    return {words[0]: words[1] for words in lines}
+
+
+def score_scale(verdict, directory):
+    """Fields and sensors of all sizes, a directory each: one table, and what holds for all."""
+    print(f"{'field':>13} {'MP':>5} {'″/px':>6} {'stars':>7} {'triangles':>10} {'MB':>6} {'built s':>8} {'read s':>7}"
+          f" {'right of must':>14} {'wrong':>5} {'ms':>7} {'error″':>7} {'error/σ':>7}")
+    rows = []
+    for row in sorted(Path(directory).iterdir(), key=lambda row: float(row.name.split("@")[1]), reverse=True):
+        built, read = read_index(row / "built.txt"), read_index(row / "read.txt")
+        seconds = [float(index[word].split()[-2]) for index in (built, read) for word in ("catalogue", "index")]
+        width, height = map(int, row.name.split("@")[0].split("x"))
+        pairs = read_directory(row)
+        must = [pair for pair in pairs if pair[1]["must"]]
+        right = [pair for pair in must if pair[0]["solved"] and is_right(*pair)]
+        errors = [math.hypot(*errors_arcsec(*pair)[:2]) for pair in right]
+        sigmas = [math.hypot(answer["sigma_east_arcsec"], answer["sigma_north_arcsec"]) for answer, _ in right]
+        wrong = wrong_of(pairs)
+        ms = percentile([answer["time_ms"]["total"] for answer, _ in pairs], 50)
+        memory, built_s, read_s = float(built["memory"].split()[0]), sum(seconds[:2]), sum(seconds[2:])
+        field = built["field"].split(" deg")[0].replace(" ", "") + "°"
+        print(f"{field:>13} {width * height / 1e6:5.1f} {row.name.split('@')[1]:>6} {built['stars'].split(',')[0]:>7}"
+              f" {built['triangles'].split(',')[0]:>10} {memory:6.1f} {built_s:8.2f} {read_s:7.3f}"
+              f" {f'{len(right)} of {len(must)}':>14} {len(wrong):5} {ms:7.1f} {rms(errors):7.2f}"
+              f" {rms([error / sigma for error, sigma in zip(errors, sigmas)]):7.2f}")
+        rows.append((memory, built_s, read_s, len(right), len(must), wrong))
+    memory, built_s, read_s, right, must, wrong = zip(*rows)
+    verdict("an index at most 300 MB", f"{max(memory):.0f} MB", max(memory) <= 300)
+    verdict("catalogue and index ready, built, in 2 s", f"{max(built_s):.2f} s", max(built_s) <= 2)
+    verdict("catalogue and index ready, read, in 0.1 s (0.2 s over 120 MB)", f"{max(read_s):.3f} s",
+            all(seconds <= (0.1 if megabytes <= 120 else 0.2) for seconds, megabytes in zip(read_s, memory)))
+    verdict("98 % of must solved right", f"{sum(right)} of {sum(must)}", sum(right) >= 0.98 * sum(must))
+    verdict("no wrong solution", f"{sum(map(len, wrong))} wrong", not any(wrong))
+
+
 def score_horizontal(verdict, answer, truth):
     """Azimuth, elevation and horizontal roll within 0.3°."""
     if answer.get("az_deg") is None:
@@ -430,6 +468,8 @@ def main(arguments):
             score_measured(verdict, directory)
         case ["nostars", directory]:
             score_none(verdict, directory, "frames without stars")
+        case ["scale", directory]:
+            score_scale(verdict, directory)
         case ["mirrored", directory]:
             score_none(verdict, directory, "starry frames against the mirrored sky")
         case _:

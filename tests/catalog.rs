@@ -130,6 +130,20 @@ fn all_catalogue_files_together_stay_under_ten_megabytes() {
 }
 
 #[test]
+fn the_index_of_a_camera_is_built_once_and_read_from_then_on() {
+    let cache = tempfile::tempdir().unwrap();
+    let directory = format!("catalog.cache_directory={}", cache.path().display());
+    let wide = ["solver.matching.platescale_min_arcsec_px=48", "solver.matching.platescale_max_arcsec_px=50"];
+    let arguments = ["--index", "--set", &directory, "--set", wide[0], "--set", wide[1]];
+    for word in ["index       built in ", "index       read from the cache in "] {
+        let (code, stdout, stderr) = answer(&arguments);
+        assert_eq!((code, stderr.as_str()), (0, ""));
+        assert!(stdout.starts_with("field       20.91 × 13.94 deg") && stdout.contains(word), "{stdout}");
+        assert!(!stdout.contains("note"), "{stdout}");
+    }
+}
+
+#[test]
 fn its_help_has_an_example() {
     let (code, stdout, _) = answer(&["--help"]);
     assert_eq!(code, 0);

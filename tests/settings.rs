@@ -178,10 +178,10 @@ fn a_mistake_ends_the_program_with_one_line_that_names_file_line_key_and_what_wa
         ),
         (
             "[camera]\n\nperiod_s = \"two\"",
-            "custom.toml:3: 'camera.period_s' must be a number from 0.01 to 86400 (s), not \"two\"",
+            "custom.toml:3: 'camera.period_s' must be a number from 0.001 to 86400 (s), not \"two\"",
         ),
-        ("camera.period_s = 1e9", "custom.toml:1: 'camera.period_s' must be a number from 0.01 to 86400 (s), not 1e9"),
-        ("\ncamera.period_s = nan", "custom.toml:2: 'camera.period_s' must be a number from 0.01 to 86400 (s), not nan"),
+        ("camera.period_s = 1e9", "custom.toml:1: 'camera.period_s' must be a number from 0.001 to 86400 (s), not 1e9"),
+        ("\ncamera.period_s = nan", "custom.toml:2: 'camera.period_s' must be a number from 0.001 to 86400 (s), not nan"),
         ("[camera]\nname = 'x'\nname = 'y'", "custom.toml:3: duplicate key 'name' in 'name = 'y''"),
         ("[camera]\nname = ", "custom.toml:2: not TOML: string values must be quoted, expected literal string in 'name ='"),
         (

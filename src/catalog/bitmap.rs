@@ -2,8 +2,10 @@
 
 #![allow(clippy::indexing_slicing, reason = "a numeric kernel: a cell's number is below the size by construction")]
 
-use super::FieldStars;
+use super::cache::{FieldFileError, Loader, Saver, sane};
+use super::{FieldStars, Pace};
 use crate::sky::Vec3;
+use std::io;
 
 /// Six faces of a cube of `side` × `side` bits; a bit is set where a star may be within the tolerance.
 #[derive(Debug, Clone)]
@@ -19,12 +21,11 @@ const LANES: usize = 8;
 const MAX_SIDE: f64 = 3072.0;
 
 impl SkyBitmap {
-    /// Sets the discs of `tolerance` rad around the verification stars of a field.
-    pub fn build(field: &FieldStars, rank_limit: u8, tolerance: f64) -> Self {
-        // Cells no smaller than the discs, so that the nine points below touch every cell that a disc does.
-        let side = (std::f64::consts::FRAC_PI_2 / (1.5 * tolerance)).clamp(8.0, MAX_SIDE) as usize;
-        let mut bitmap = Self { side, words: vec![0; (6 * side * side).div_ceil(64)] };
+    /// Sets the discs of `tolerance` rad around the verification stars of a field; `None` where the pace ends it.
+    pub fn build(field: &FieldStars, rank_limit: u8, tolerance: f64, pace: &mut Pace<'_>) -> Option<Self> {
+        let mut bitmap = Self::empty(tolerance);
         for star in field.stars.iter().filter(|s| s.rank < rank_limit) {
+            pace.step(1)?;
             let d = star.direction;
             let e1 = d.cross(&if d.z.abs() < 0.9 { Vec3::z() } else { Vec3::x() }).normalize();
             let e2 = d.cross(&e1);
@@ -35,7 +36,28 @@ impl SkyBitmap {
                 }
             }
         }
-        bitmap
+        Some(bitmap)
+    }
+
+    /// A sky without stars.
+    fn empty(tolerance: f64) -> Self {
+        // Cells no smaller than the discs, so that the nine points above touch every cell that a disc does.
+        let side = (std::f64::consts::FRAC_PI_2 / (1.5 * tolerance)).clamp(8.0, MAX_SIDE) as usize;
+        Self { side, words: vec![0; (6 * side * side).div_ceil(64)] }
+    }
+
+    /// Writes the bits; the side follows from the tolerance.
+    pub fn save(&self, saver: &mut Saver<'_>) -> io::Result<()> {
+        saver.list(&self.words, |word| word.to_le_bytes())
+    }
+
+    /// Reads the bitmap of a tolerance, rad.
+    pub fn load(loader: &mut Loader<'_>, tolerance: f64) -> Result<Self, FieldFileError> {
+        let mut bitmap = Self::empty(tolerance);
+        let words = loader.list(|bytes| u64::from_le_bytes(*bytes))?;
+        sane("bits", words.len() == bitmap.words.len())?;
+        bitmap.words = words;
+        Ok(bitmap)
     }
 
     /// The cells of the first `count` points of a plane, lifted onto the sky, for [`Self::hits`].

@@ -2,8 +2,11 @@
 
 #![allow(clippy::indexing_slicing, reason = "a numeric kernel: every index is made from the grid's own tables")]
 
+use super::Pace;
+use super::cache::{FieldFileError, Loader, Saver, are_offsets, sane};
 use crate::sky::{Vec3, ra_dec, wrap_two_pi};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::io;
 use std::ops::Range;
 
 /// Bands of declination, each cut into cells of about equal width in right ascension.
@@ -20,24 +23,17 @@ pub struct SkyGrid {
 
 impl SkyGrid {
     /// Sorts directions into cells about `cell` rad wide; returns the grid and the order: `order[i]` is the item that comes i-th.
+    /// `None` where the pace ends it.
     ///
     /// Items of one cell keep their order.
-    pub fn build(directions: &[Vec3], cell: f64) -> (Self, Vec<u32>) {
-        // Cells from 20° down to 0.1°: smaller ones would be empty, and there would be millions of them.
-        const BANDS: Range<f64> = 8.0..1800.0;
-        let bands = (PI / cell).ceil().clamp(BANDS.start, BANDS.end) as usize;
-        let band_height = PI / bands as f64;
-        let mut first_cell = vec![0u32];
-        for band in 0..bands {
-            let low = -FRAC_PI_2 + band as f64 * band_height;
-            // The band's longest circle: cells there are as wide as the band is high.
-            let widest = if low <= 0.0 && low + band_height >= 0.0 { 1.0 } else { low.cos().max((low + band_height).cos()) };
-            let cells = (TAU * widest / band_height).ceil().max(1.0) as u32;
-            first_cell.push(first_cell[band] + cells);
+    pub fn build(directions: &[Vec3], cell: f64, pace: &mut Pace<'_>) -> Option<(Self, Vec<u32>)> {
+        let mut grid = Self::empty(cell);
+        let mut cells = Vec::with_capacity(directions.len());
+        for direction in directions {
+            pace.step(1)?;
+            cells.push(grid.cell_of(direction) as u32);
         }
-        let mut grid = Self { band_height, first_cell, offsets: Vec::new() };
-        let cells: Vec<u32> = directions.iter().map(|d| grid.cell_of(d) as u32).collect();
-        let mut offsets = vec![0u32; grid.first_cell[bands] as usize + 1];
+        let offsets = &mut grid.offsets;
         for &cell in &cells {
             offsets[cell as usize + 1] += 1;
         }
@@ -50,8 +46,49 @@ impl SkyGrid {
             order[next[cell as usize] as usize] = item as u32;
             next[cell as usize] += 1;
         }
+        Some((grid, order))
+    }
+
+    /// The cells of a grid without items.
+    fn empty(cell: f64) -> Self {
+        // Cells from 20° down to 0.1°: smaller ones would be empty, and there would be millions of them.
+        const BANDS: Range<f64> = 8.0..1800.0;
+        let bands = (PI / cell).ceil().clamp(BANDS.start, BANDS.end) as usize;
+        let band_height = PI / bands as f64;
+        let mut first_cell = vec![0u32];
+        for band in 0..bands {
+            let low = -FRAC_PI_2 + band as f64 * band_height;
+            // The band's longest circle: cells there are as wide as the band is high.
+            let widest = if low <= 0.0 && low + band_height >= 0.0 { 1.0 } else { low.cos().max((low + band_height).cos()) };
+            let cells = (TAU * widest / band_height).ceil().max(1.0) as u32;
+            first_cell.push(first_cell[band] + cells);
+        }
+        let offsets = vec![0u32; first_cell[bands] as usize + 1];
+        Self { band_height, first_cell, offsets }
+    }
+
+    /// Writes where each cell's items begin; the cells themselves follow from their width.
+    pub fn save(&self, saver: &mut Saver<'_>) -> io::Result<()> {
+        saver.list(&self.offsets, |offset| offset.to_le_bytes())
+    }
+
+    /// Reads a grid of `items` items in cells about `cell` rad wide.
+    pub fn load(loader: &mut Loader<'_>, cell: f64, items: usize) -> Result<Self, FieldFileError> {
+        let mut grid = Self::empty(cell);
+        let offsets = loader.list(|bytes| u32::from_le_bytes(*bytes))?;
+        sane("cells", offsets.len() == grid.offsets.len() && are_offsets(&offsets, items))?;
         grid.offsets = offsets;
-        (grid, order)
+        Ok(grid)
+    }
+
+    /// Memory held, bytes.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.first_cell[..]) + size_of_val(&self.offsets[..])
+    }
+
+    /// Where a cell's items begin in the sorted list.
+    pub fn first(&self, cell: usize) -> usize {
+        self.offsets[cell] as usize
     }
 
     /// Number of cells.
@@ -108,7 +145,7 @@ mod tests {
         let n = 20_000;
         let stars: Vec<Vec3> =
             (0..n).map(|i| direction(i as f64 * 2.399_963, ((i as f64 + 0.5) / n as f64 * 2.0 - 1.0).asin())).collect();
-        let (grid, order) = SkyGrid::build(&stars, 1.3 * DEG);
+        let (grid, order) = SkyGrid::build(&stars, 1.3 * DEG, &mut Pace::new(&|| true)).unwrap();
         for (ra, dec, radius) in
             [(0.0, 0.0, 3.0), (359.9, 45.0, 2.0), (10.0, 89.5, 2.5), (200.0, -90.0, 1.0), (180.0, -60.0, 20.0)]
         {

@@ -7,9 +7,10 @@
 
 #![allow(clippy::indexing_slicing, reason = "a numeric kernel: every index is made from the lists' own lengths")]
 
-use super::{FieldGeometry, FieldStars, SkyGrid, field::rank_limit};
-use crate::settings::CatalogSettings;
+use super::cache::{FieldFileError, Loader, Saver, are_offsets, direction_bytes, is_direction, read_direction, sane};
+use super::{Density, FieldGeometry, FieldStars, Pace, SkyGrid, field::rank_limit};
 use crate::sky::{Kernel, Vec3, with_vectors};
+use std::io;
 use std::ops::Range;
 
 /// Bins per unit of x and y, and per unit of ln L (trials: 1/48 to 1/192 in x and y make no difference; 1.5 % in L).
@@ -25,18 +26,39 @@ const LONGEST_PAIR: f64 = 0.35;
 /// Neighbours of a star that can be told apart by one byte.
 const MAX_NEIGHBOURS: usize = 256;
 
-/// One triangle: star A, the places of B and C among its neighbours, and where in its bin x and y lie.
-#[derive(Debug, Clone, Copy, Default)]
-struct Entry {
+/// One triangle: star A (32 bits), the places of B and C among its neighbours, and where in its bin x and y lie (8 bits each). A
+/// word, because fresh words come as zeros that take no memory before they are written.
+#[derive(Debug, Clone, Copy)]
+struct Entry(u64);
+
+impl Entry {
+    #[inline(always)]
+    fn new(a: u32, rest: [u8; 4]) -> Self {
+        Self(u64::from(u32::from_le_bytes(rest)) << 32 | u64::from(a))
+    }
+
+    #[inline(always)]
+    fn a(self) -> usize {
+        self.0 as u32 as usize
+    }
+
+    /// The places of B and C, x and y.
+    #[inline(always)]
+    fn rest(self) -> [u8; 4] {
+        ((self.0 >> 32) as u32).to_le_bytes()
+    }
+}
+
+/// A triangle before it is sorted: its bin among those with its bin of x, and what its [`Entry`] holds.
+#[derive(Debug, Clone, Copy)]
+struct Unsorted {
+    bin: u32,
     a: u32,
-    b: u8,
-    c: u8,
-    x: u8,
-    y: u8,
+    rest: [u8; 4],
 }
 
 /// A pair of index stars.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 struct Pair {
     chord: f32,
     a: u32,
@@ -92,50 +114,87 @@ pub struct TriangleIndex {
     sides: (f64, f64),
     log_bins: usize,
     offsets: Vec<u32>,
-    entries: Vec<Entry>,
+    /// [`Entry`]s.
+    entries: Vec<u64>,
     pairs: Vec<Pair>,
 }
 
 impl TriangleIndex {
-    /// Builds the index of a field: about a second for fifteen stars a field of 4° × 3°.
-    pub fn build(field: &FieldStars, settings: &CatalogSettings, geometry: &FieldGeometry) -> Self {
-        let limit = rank_limit(settings.index_stars_per_field);
+    /// Builds the index of a field: half a second for fifteen stars a field of 4° × 3°. `None` where the pace ends it.
+    pub fn build(field: &FieldStars, density: &Density, geometry: &FieldGeometry, pace: &mut Pace<'_>) -> Option<Self> {
+        let limit = rank_limit(density.stars_per_field);
         let directions: Vec<Vec3> = field.stars.iter().filter(|s| s.rank < limit).map(|s| s.direction).collect();
-        let chord = |angle: f64| 2.0 * (0.5 * angle).sin();
-        let sides = (chord(SHORTEST_SIDE * geometry.diagonal), chord(settings.longest_side_fraction * geometry.diagonal));
-        let (neighbours, first_neighbour) = find_neighbours(&directions, sides.1);
+        let (neighbours, first_neighbour) = find_neighbours(&directions, sides(density, geometry).1, pace)?;
+        let mut index = Self { directions, neighbours, first_neighbour, ..Self::empty(density, geometry) };
+        let mut columns = vec![Vec::new(); X_BINS];
+        with_vectors(Enumerate { index: &index, pace, columns: &mut columns })?;
+        index.sort(columns, pace)?;
+        index.pairs = index.short_pairs(chord(LONGEST_PAIR * geometry.diagonal), pace)?;
+        Some(index)
+    }
+
+    /// An index without stars.
+    fn empty(density: &Density, geometry: &FieldGeometry) -> Self {
+        let sides = sides(density, geometry);
         let log_bins = ((sides.1 / sides.0).ln() * LOG_BINS) as usize + 1;
-        let mut index = Self {
-            directions,
-            neighbours,
-            first_neighbour,
+        Self {
+            directions: Vec::new(),
+            neighbours: Vec::new(),
+            first_neighbour: Vec::new(),
             sides,
             log_bins,
             offsets: vec![0; X_BINS * Y_BINS * log_bins + 1],
             entries: Vec::new(),
             pairs: Vec::new(),
-        };
-        // Sorted by bin with one count and one move; within a bin the order is that of star A.
-        let mut unsorted = Vec::new();
-        let mut offsets = std::mem::take(&mut index.offsets);
-        with_vectors(Enumerate { index: &index, unsorted: &mut unsorted });
-        for &(bin, _) in &unsorted {
-            offsets[bin as usize + 1] += 1;
         }
-        for i in 1..offsets.len() {
-            offsets[i] += offsets[i - 1];
-        }
-        let mut next = offsets.clone();
-        let mut entries = vec![Entry::default(); unsorted.len()];
-        for (bin, entry) in unsorted {
-            let place = &mut next[bin as usize];
-            entries[*place as usize] = entry;
-            *place += 1;
-        }
-        index.offsets = offsets;
-        index.entries = entries;
-        index.pairs = index.short_pairs(chord(LONGEST_PAIR * geometry.diagonal));
-        index
+    }
+
+    /// Writes every list.
+    pub fn save(&self, saver: &mut Saver<'_>) -> io::Result<()> {
+        saver.list(&self.directions, direction_bytes)?;
+        saver.list(&self.neighbours, |star| star.to_le_bytes())?;
+        saver.list(&self.first_neighbour, |first| first.to_le_bytes())?;
+        saver.list(&self.offsets, |offset| offset.to_le_bytes())?;
+        saver.list(&self.entries, |entry| entry.to_le_bytes())?;
+        saver.list(&self.pairs, |pair| {
+            let ([c0, c1, c2, c3], [a0, a1, a2, a3]) = (pair.chord.to_le_bytes(), pair.a.to_le_bytes());
+            let [b0, b1, b2, b3] = pair.b.to_le_bytes();
+            [c0, c1, c2, c3, a0, a1, a2, a3, b0, b1, b2, b3]
+        })
+    }
+
+    /// Reads the index of a field: no list of it points out of another.
+    pub fn load(loader: &mut Loader<'_>, density: &Density, geometry: &FieldGeometry) -> Result<Self, FieldFileError> {
+        let word = |bytes: &[u8; 4]| u32::from_le_bytes(*bytes);
+        let mut index = Self::empty(density, geometry);
+        let bins = index.offsets.len();
+        index.directions = loader.list(read_direction)?;
+        sane("index stars", index.directions.iter().all(is_direction))?;
+        let stars = index.directions.len();
+        index.neighbours = loader.list(word)?;
+        sane("neighbours", index.neighbours.iter().all(|&star| (star as usize) < stars))?;
+        index.first_neighbour = loader.list(word)?;
+        let first = &index.first_neighbour;
+        sane("neighbourhoods", first.len() == stars + 1 && are_offsets(first, index.neighbours.len()))?;
+        index.offsets = loader.list(word)?;
+        let counts: Vec<u32> = first.windows(2).map(|ends| ends[1] - ends[0]).collect();
+        let mut known = true;
+        index.entries = loader.list(|bytes| {
+            let entry = Entry(u64::from_le_bytes(*bytes));
+            let [b, c, ..] = entry.rest();
+            known &= counts.get(entry.a()).is_some_and(|&count| u32::from(b.max(c)) < count);
+            entry.0
+        })?;
+        sane("triangles", known)?;
+        sane("bins", index.offsets.len() == bins && are_offsets(&index.offsets, index.entries.len()))?;
+        index.pairs = loader.list(|[c0, c1, c2, c3, a0, a1, a2, a3, b0, b1, b2, b3]: &[u8; 12]| Pair {
+            chord: f32::from_le_bytes([*c0, *c1, *c2, *c3]),
+            a: word(&[*a0, *a1, *a2, *a3]),
+            b: word(&[*b0, *b1, *b2, *b3]),
+        })?;
+        let whole = |pair: &Pair| pair.chord.is_finite() && (pair.a.max(pair.b) as usize) < stars;
+        sane("pairs", index.pairs.iter().all(whole) && index.pairs.is_sorted_by(|p, q| p.chord <= q.chord))?;
+        Ok(index)
     }
 
     /// Direction of an index star.
@@ -180,15 +239,16 @@ impl TriangleIndex {
         }
         // One entry of each line of memory, so that the lines are on their way when they are needed.
         let on_their_way = runs.0.iter().flat_map(|run| self.entries[run.entries.clone()].iter().step_by(ENTRIES_PER_LINE));
-        std::hint::black_box(on_their_way.fold(0, |sum, entry| sum ^ entry.a));
+        std::hint::black_box(on_their_way.fold(0, |sum, entry| sum ^ entry));
         let mut count = 0;
         for run in &runs.0 {
             let entries = &self.entries[run.entries.clone()];
             found.resize(count + entries.len(), FoundTriangle::default());
             // Each is written where the next one goes and counted if it fits: no branch that could be guessed wrong.
-            for entry in entries {
-                found[count] = FoundTriangle { query: run.query, stars: [entry.a, u32::from(entry.b), u32::from(entry.c)] };
-                let (x, y) = (entry.x, entry.y);
+            for &entry in entries {
+                let entry = Entry(entry);
+                let [b, c, x, y] = entry.rest();
+                found[count] = FoundTriangle { query: run.query, stars: [entry.a() as u32, u32::from(b), u32::from(c)] };
                 count += usize::from((x >= run.x.0) & (x <= run.x.1) & (y >= run.y.0) & (y <= run.y.1));
             }
         }
@@ -247,10 +307,40 @@ impl TriangleIndex {
         Some(bin(length.0)..bin(length.1) + 1)
     }
 
-    /// The bin and entry of every triangle, in the order of star A.
+    /// Sorts triangles by bin; within a bin their order stays. One bin of x after the other: what is sorted at a time, and where it
+    /// goes, stays in the processor's cache, and each list is gone before the next one needs the memory.
+    fn sort(&mut self, columns: Vec<Vec<Unsorted>>, pace: &mut Pace<'_>) -> Option<()> {
+        let bins = Y_BINS * self.log_bins;
+        self.entries.reserve_exact(columns.iter().map(Vec::len).sum());
+        self.offsets.clear();
+        for column in columns {
+            pace.step(column.len() / ENTRIES_PER_STEP)?;
+            let mut next = vec![0u32; bins];
+            for triangle in &column {
+                next[triangle.bin as usize] += 1;
+            }
+            let mut end = self.entries.len() as u32;
+            for next in &mut next {
+                self.offsets.push(end);
+                end += std::mem::replace(next, end);
+            }
+            self.entries.resize(end as usize, 0);
+            for triangle in &column {
+                let next = &mut next[triangle.bin as usize];
+                self.entries[*next as usize] = Entry::new(triangle.a, triangle.rest).0;
+                *next += 1;
+            }
+        }
+        self.offsets.push(self.entries.len() as u32);
+        Some(())
+    }
+
+    /// Puts every triangle into the list of its bin of x, in the order of star A; `None` where the pace ends it.
     #[inline(always)]
-    fn enumerate(&self, unsorted: &mut Vec<(u32, Entry)>) {
+    fn enumerate(&self, pace: &mut Pace<'_>, columns: &mut [Vec<Unsorted>]) -> Option<()> {
         let mut near = Neighbourhood::default();
+        // Neighbours C of the triangles with one side A–B.
+        let mut corners = [0u8; MAX_NEIGHBOURS];
         for (a, at) in self.directions.iter().enumerate() {
             near.gather(
                 at,
@@ -264,57 +354,109 @@ impl TriangleIndex {
                     continue;
                 }
                 let log_bin = (((length / self.sides.0).ln() * LOG_BINS) as usize).min(self.log_bins - 1);
-                let normal = at.cross(&near.direction(b));
+                pace.step(1)?;
                 near.measure_from(b);
+                // C is nearer to A, and A–B is the longest side; ties go both ways, so no triangle is lost. Sorted out without a
+                // branch, which would be guessed wrong for each third neighbour.
+                let mut count = 0;
                 for c in 0..b {
                     let (ac_sq, bc_sq) = (near.distance_sq[c], near.from_b_sq[c]);
-                    // C is nearer to A, and A–B is the longest side; ties go both ways, so no triangle is lost.
-                    if bc_sq > length_sq || ac_sq > bc_sq {
-                        continue;
-                    }
+                    corners[count] = c as u8;
+                    count += usize::from((bc_sq <= length_sq) & (ac_sq <= bc_sq));
+                }
+                let normal = near.normal(b);
+                for &corner in &corners[..count] {
+                    let c = usize::from(corner);
+                    let (ac_sq, bc_sq) = (near.distance_sq[c], near.from_b_sq[c]);
                     let x = 0.5 * (ac_sq + length_sq - bc_sq) / length_sq;
                     let height = (ac_sq / length_sq - x * x).max(0.0).sqrt();
-                    let y = if normal.dot(&near.direction(c)) < 0.0 { -height } else { height };
+                    let above = normal[0] * near.x[c] + normal[1] * near.y[c] + normal[2] * near.z[c];
+                    let y = height.copysign(above);
                     let (sx, sy) = (x * SHAPE_BINS as f32, y * SHAPE_BINS as f32 + 0.5 * Y_BINS as f32);
                     let (ix, iy) = ((sx as usize).min(X_BINS - 1), (sy as usize).min(Y_BINS - 1));
                     let in_bin = |s: f32, i: usize| ((s - i as f32) * 256.0) as u8;
-                    unsorted.push((
-                        ((ix * Y_BINS + iy) * self.log_bins + log_bin) as u32,
-                        Entry { a: a as u32, b: b as u8, c: c as u8, x: in_bin(sx, ix), y: in_bin(sy, iy) },
-                    ));
+                    columns[ix].push(Unsorted {
+                        bin: (iy * self.log_bins + log_bin) as u32,
+                        a: a as u32,
+                        rest: [b as u8, corner, in_bin(sx, ix), in_bin(sy, iy)],
+                    });
                 }
             }
         }
+        Some(())
     }
 
-    /// Every pair up to a chord, by length.
-    fn short_pairs(&self, longest: f64) -> Vec<Pair> {
-        let mut pairs = Vec::new();
+    /// Every pair up to a chord, by length; `None` where the pace ends it.
+    fn short_pairs(&self, longest: f64, pace: &mut Pace<'_>) -> Option<Vec<Pair>> {
+        let mut unsorted = Vec::new();
         for (a, at) in self.directions.iter().enumerate() {
+            pace.step(PAIR_STEPS)?;
             for &b in &self.neighbours[self.first_neighbour[a] as usize..self.first_neighbour[a + 1] as usize] {
                 let chord = (self.directions[b as usize] - at).norm();
                 if (b as usize) > a && chord >= self.sides.0 && chord <= longest {
-                    pairs.push(Pair { chord: chord as f32, a: a as u32, b });
+                    unsorted.push(Pair { chord: chord as f32, a: a as u32, b });
                 }
             }
         }
-        pairs.sort_by(|p, q| p.chord.total_cmp(&q.chord).then(p.a.cmp(&q.a)).then(p.b.cmp(&q.b)));
-        pairs
+        // First into bins of about equal length, which are short enough to be sorted between two questions of the pace.
+        let width = (longest - self.sides.0) / PAIR_BINS as f64;
+        let bin = |pair: &Pair| (((f64::from(pair.chord) - self.sides.0) / width).max(0.0) as usize).min(PAIR_BINS - 1);
+        let mut ends = [0usize; PAIR_BINS + 1];
+        for pair in &unsorted {
+            pace.step(1)?;
+            ends[bin(pair) + 1] += 1;
+        }
+        for i in 1..ends.len() {
+            ends[i] += ends[i - 1];
+        }
+        let mut pairs = vec![Pair::default(); unsorted.len()];
+        // Where a bin begins becomes where it ends.
+        for pair in &unsorted {
+            pace.step(1)?;
+            let end = &mut ends[bin(pair)];
+            pairs[*end] = *pair;
+            *end += 1;
+        }
+        let mut start = 0;
+        for end in &ends[..PAIR_BINS] {
+            let pairs = &mut pairs[start..*end];
+            pace.step(pairs.len())?;
+            pairs.sort_unstable_by(|p, q| p.chord.total_cmp(&q.chord).then(p.a.cmp(&q.a)).then(p.b.cmp(&q.b)));
+            start = *end;
+        }
+        Some(pairs)
     }
 }
 
-/// The enumeration, as a kernel.
-struct Enumerate<'a> {
-    index: &'a TriangleIndex,
-    unsorted: &'a mut Vec<(u32, Entry)>,
+/// Bins of length that pairs are sorted in, and what the pairs of one star are in steps of the pace.
+const PAIR_BINS: usize = 256;
+const PAIR_STEPS: usize = 4;
+/// Triangles that are sorted in a step of the pace.
+const ENTRIES_PER_STEP: usize = 16;
+
+/// Chord of an angle, rad.
+fn chord(angle: f64) -> f64 {
+    2.0 * (0.5 * angle).sin()
 }
 
-impl Kernel for Enumerate<'_> {
-    type Output = ();
+/// Chords of the shortest and longest side A–B of a triangle.
+fn sides(density: &Density, geometry: &FieldGeometry) -> (f64, f64) {
+    (chord(SHORTEST_SIDE * geometry.diagonal), chord(density.longest_side * geometry.diagonal))
+}
+
+/// The enumeration, as a kernel.
+struct Enumerate<'a, 'p> {
+    index: &'a TriangleIndex,
+    pace: &'a mut Pace<'p>,
+    columns: &'a mut [Vec<Unsorted>],
+}
+
+impl Kernel for Enumerate<'_, '_> {
+    type Output = Option<()>;
 
     #[inline(always)]
-    fn run(self) {
-        self.index.enumerate(self.unsorted);
+    fn run(self) -> Option<()> {
+        self.index.enumerate(self.pace, self.columns)
     }
 }
 
@@ -349,9 +491,10 @@ impl Neighbourhood {
         self.x.len()
     }
 
-    /// Direction of a neighbour.
-    fn direction(&self, n: usize) -> Vec3 {
-        self.at + Vec3::new(f64::from(self.x[n]), f64::from(self.y[n]), f64::from(self.z[n]))
+    /// A normal of the plane through the star, a neighbour and the middle of the sphere.
+    fn normal(&self, b: usize) -> [f32; 3] {
+        let normal = self.at.cross(&Vec3::new(f64::from(self.x[b]), f64::from(self.y[b]), f64::from(self.z[b])));
+        [normal.x as f32, normal.y as f32, normal.z as f32]
     }
 
     /// Squared chords from neighbour `b` to those before it.
@@ -367,13 +510,14 @@ impl Neighbourhood {
 }
 
 /// The neighbours of each star within a chord, nearest first; where there are more than fit a byte, the nearest.
-fn find_neighbours(directions: &[Vec3], chord: f64) -> (Vec<u32>, Vec<u32>) {
+fn find_neighbours(directions: &[Vec3], chord: f64, pace: &mut Pace<'_>) -> Option<(Vec<u32>, Vec<u32>)> {
     let radius = 2.0 * (0.5 * chord).asin();
-    let (grid, order) = SkyGrid::build(directions, 0.5 * radius);
+    let (grid, order) = SkyGrid::build(directions, 0.5 * radius, pace)?;
     let mut neighbours = Vec::new();
     let mut first = vec![0u32];
     let mut near: Vec<(f64, u32)> = Vec::new();
     for (a, at) in directions.iter().enumerate() {
+        pace.step(1 + near.len() / 16)?;
         near.clear();
         grid.ranges_near(at, radius, |range| {
             for &b in &order[range] {
@@ -387,7 +531,7 @@ fn find_neighbours(directions: &[Vec3], chord: f64) -> (Vec<u32>, Vec<u32>) {
         neighbours.extend(near.iter().take(MAX_NEIGHBOURS).map(|&(_, b)| b));
         first.push(neighbours.len() as u32);
     }
-    (neighbours, first)
+    Some((neighbours, first))
 }
 
 /// Shape of the triangle with the longest side A–B and third corner C: x, y and the chord |AB|.

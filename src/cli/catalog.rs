@@ -1,11 +1,14 @@
-//! `stars catalog`: what the star catalogue is, whether a file is a whole one, and single stars of it.
+//! `stars catalog`: what the star catalogue is, whether a file is a whole one, single stars of it, and the index of a camera.
 
 use super::{ConfigArgs, NEGATIVE, print};
 use crate::catalog::{Catalogue, Names};
-use crate::service::load_catalogue;
+use crate::service::{Clock, load_catalogue, prepare};
+use crate::settings::Settings;
 use crate::sky::{ARCSEC, DEG, ra_dec};
-use anyhow::bail;
+use crate::solve::Solver;
+use anyhow::{Context, bail};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 /// Shows and checks the star catalogue.
 #[derive(Debug, clap::Args)]
@@ -14,7 +17,8 @@ Examples:
   stars catalog                                what the catalogue in use is and holds
   stars catalog --check stars.bin              is this file whole and unaltered? exit code 2 and the reason where not
   stars catalog --star Vega                    place, motion and magnitude of a star
-  stars catalog --star 91262                   the same, by Hipparcos number")]
+  stars catalog --star 91262                   the same, by Hipparcos number
+  stars catalog --index --custom custom.toml   the index for that camera, from the cache or built, and how long that took")]
 pub struct Args {
     /// Check this file instead of the catalogue in use
     #[arg(long, value_name = "FILE")]
@@ -22,6 +26,9 @@ pub struct Args {
     /// Show a star: proper name, Hipparcos number, or what solutions call it (`G1234`); exit code 1 where there is none
     #[arg(long, value_name = "NAME|HIP")]
     star: Option<String>,
+    /// Make the index for the settings' camera ready, as `stars run` does, and show what it holds
+    #[arg(long, conflicts_with = "star")]
+    index: bool,
     #[command(flatten)]
     config: ConfigArgs,
 }
@@ -32,18 +39,22 @@ impl Args {
     /// # Errors
     /// Settings that do not load, or a catalogue that is not whole.
     pub fn run(self) -> anyhow::Result<ExitCode> {
-        let settings = self.config.load()?.settings.catalog;
-        let file = self.check.as_ref().unwrap_or(&settings.file);
+        let settings = self.config.load()?.settings;
+        let file = self.check.as_ref().unwrap_or(&settings.catalog.file);
         if self.check.as_ref().is_some_and(String::is_empty) {
             bail!("--check: the name of the file is empty, expected a star catalogue");
         }
+        let clock = Clock::start();
         let catalogue = load_catalogue(file).map_err(anyhow::Error::msg)?;
+        if self.index {
+            return print(&index(catalogue, settings, &clock)?).map(|()| ExitCode::SUCCESS);
+        }
         let Some(name) = self.star else {
             let verdict = if self.check.is_some() { "whole and unaltered\n" } else { "" };
             return print(&format!("{verdict}{}", summary(file, &catalogue))).map(|()| ExitCode::SUCCESS);
         };
         match catalogue.find(&name) {
-            Some(index) => print(&star(&catalogue, index, settings.epoch_yr)).map(|()| ExitCode::SUCCESS),
+            Some(index) => print(&star(&catalogue, index, settings.catalog.epoch_yr)).map(|()| ExitCode::SUCCESS),
             None => print(&format!("no star is called {name:?}")).map(|()| ExitCode::from(NEGATIVE)),
         }
     }
@@ -70,6 +81,34 @@ fn summary(file: &str, catalogue: &Catalogue) -> String {
         format!("names       {named} stars have a proper name"),
     ]
     .join("\n")
+}
+
+/// The index of the settings' camera; `clock` was started before the catalogue was read.
+fn index(catalogue: Catalogue, settings: Settings, clock: &Clock) -> anyhow::Result<String> {
+    let (width, height) = (settings.camera.width_px as usize, settings.camera.height_px as usize);
+    let mut solver = Solver::new(Arc::new(catalogue), Arc::new(settings));
+    let loaded = clock.uptime();
+    let prepared = prepare(&mut solver, width, height);
+    let ready = clock.uptime();
+    let field = solver.field().context("the index is not there")?;
+    let (stars, triangles, pairs) = field.triangles.counts();
+    let key = &field.key;
+    let density = key.density();
+    let degrees = |px: usize| px as f64 * field.geometry.platescale / DEG;
+    let mut lines = vec![
+        format!("field       {:.2} × {:.2} deg, {width} × {height} px", degrees(width), degrees(height)),
+        format!("stars       {stars}, {:.1} a field of {}", density.stars_per_field, key.wanted.stars_per_field),
+        format!(
+            "triangles   {triangles}, of sides up to {:.2} of the diagonal, of {}",
+            density.longest_side, key.wanted.longest_side
+        ),
+        format!("pairs       {pairs}"),
+        format!("memory      {:.1} MB", field.bytes() as f64 / 1e6),
+        format!("catalogue   read in {:.3} s", loaded.as_secs_f64()),
+        format!("index       {} in {:.3} s", prepared.word(), (ready - loaded).as_secs_f64()),
+    ];
+    lines.extend(prepared.complaints.into_iter().map(|complaint| format!("note        {complaint}")));
+    Ok(lines.join("\n"))
 }
 
 /// One star: its place at the catalogue's epoch and at that of observation, Julian years.

@@ -5,7 +5,7 @@ use super::{ConfigArgs, NEGATIVE, print};
 use crate::camera::{Directory, Moment, Source};
 use crate::catalog::Catalogue;
 use crate::image::ImageCounter;
-use crate::service::{Clock, Stars, load_bad_pixels, utc_now};
+use crate::service::{Clock, Stars, load_bad_pixels, prepare, utc_now};
 use crate::settings::{CameraKind, LensKind, NO_ARAVIS, Settings};
 use crate::simulate::sky::{Kind, RenderSpec, Rendered, render};
 use crate::sky::{ARCSEC, ClockQuality};
@@ -115,8 +115,10 @@ fn solve_frames(settings: &Settings, stars: &Arc<Catalogue>) -> Vec<(&'static st
     let settings = Arc::new(settings);
     let mut solver = Solver::new(Arc::clone(stars), Arc::clone(&settings));
     let clock = Clock::start();
-    solver.prepare(settings.camera.width_px as usize, settings.camera.height_px as usize);
-    let mut verdicts = vec![("index", Verdict::Good(format!("built in {:.2} s", clock.uptime().as_secs_f64())))];
+    let prepared = prepare(&mut solver, settings.camera.width_px as usize, settings.camera.height_px as usize);
+    let text = format!("{} in {:.2} s", prepared.word(), clock.uptime().as_secs_f64());
+    let mut verdicts = vec![("index", Verdict::Good(text))];
+    verdicts.extend(prepared.complaints.into_iter().map(|complaint| ("index", Verdict::Note(complaint))));
     for kind in FRAMES {
         let verdict = match frame(&settings, stars, kind) {
             Err(why) => Verdict::Bad(why),

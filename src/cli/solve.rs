@@ -2,7 +2,7 @@
 
 use super::{ConfigArgs, NEGATIVE, WRONG, overlay, print, text};
 use crate::image::{self, BadPixels, Frame, Stamp};
-use crate::service::{load_bad_pixels, load_catalogue, read_file};
+use crate::service::{load_bad_pixels, load_catalogue, prepare, read_file};
 use crate::settings::Settings;
 use crate::solve::{Outcome, Prior, Reason, Report, Solver, Stop, Watch};
 use anyhow::Context;
@@ -203,7 +203,10 @@ impl Batch<'_> {
             Some(own) if own.size == size => own.solver,
             _ => {
                 let mut shared = self.shared();
-                shared.prepare(frame.width, frame.height);
+                for complaint in prepare(&mut shared, frame.width, frame.height).complaints {
+                    // As in `show`.
+                    let _ = writeln!(stderr(), "stars: {complaint}");
+                }
                 shared.clone()
             }
         };

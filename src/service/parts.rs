@@ -1,7 +1,9 @@
 //! The parts that the settings may exchange: which camera, and which solver.
 
 use super::camera::MakeSource;
+use super::clock::Clock;
 use super::file::{FileError, read_file};
+use super::index::prepare;
 use super::solver::{MakeSolver, Solve};
 use crate::camera::{CameraError, Directory, Moment, SimulatedSky, Source};
 use crate::catalog::{Catalogue, MAX_FILE_BYTES};
@@ -112,7 +114,10 @@ fn solver(settings: Arc<Settings>, stars: Stars) -> MakeSolver {
             Some(solver) => solver.clone(),
             None => {
                 let mut solver = Solver::new(stars.load()?, Arc::clone(&settings));
-                solver.prepare(settings.camera.width_px as usize, settings.camera.height_px as usize);
+                let clock = Clock::start();
+                let prepared = prepare(&mut solver, settings.camera.width_px as usize, settings.camera.height_px as usize);
+                prepared.complaints.iter().for_each(|complaint| tracing::warn!("{complaint}"));
+                tracing::info!(seconds = clock.uptime().as_secs_f64(), "the index is {}", prepared.word());
                 first.insert(solver).clone()
             }
         };

@@ -133,6 +133,8 @@ pub struct FocusSettings {
 pub struct CatalogSettings {
     /// Catalogue file; empty for the one built into the program.
     pub file: String,
+    /// Directory in which the index is kept for the next start; empty for none.
+    pub cache_directory: String,
     /// Epoch of observation where a frame does not know its own, Julian year.
     pub epoch_yr: f64,
     /// Stars closer than this are one source to the camera and are merged, px.

@@ -158,7 +158,7 @@ fn the_command_line_takes_toml_values_bare_words_and_spans_of_time() {
 
 #[test]
 fn every_mistake_in_a_file_is_named_with_file_line_key_and_what_was_expected() {
-    let number = "must be a number from 0.01 to 86400 (s)";
+    let number = "must be a number from 0.001 to 86400 (s)";
     for (text, wanted) in [
         (
             "\n[solver]\nplatescale_arsec = 9.5",
@@ -230,10 +230,10 @@ fn a_wrong_assignment_on_the_command_line_is_named_by_its_place_in_the_call() {
         ("=1", "--set #2: unknown setting ''"),
         ("camera=1", "--set #2: 'camera' is a section, expected a setting in it, such as 'camera.name'"),
         ("camera.nme=1", "--set #2: unknown setting 'camera.nme'; did you mean 'camera.name'?"),
-        ("camera.period_s=", "--set #2: 'camera.period_s' must be a number from 0.01 to 86400 (s), not "),
+        ("camera.period_s=", "--set #2: 'camera.period_s' must be a number from 0.001 to 86400 (s), not "),
         (
             "camera.period_s=1\ncamera.name='y'",
-            "--set #2: 'camera.period_s' must be a number from 0.01 to 86400 (s), not 1 camera.name='y'",
+            "--set #2: 'camera.period_s' must be a number from 0.001 to 86400 (s), not 1 camera.name='y'",
         ),
         ("solver.timeout_s=nan", "--set #2: 'solver.timeout_s' must be a number from 0.001 to 3600 (s), not nan"),
         ("solver.timeout_s=2h", "--set #2: 'solver.timeout_s' must be a number from 0.001 to 3600 (s), not 2h"),

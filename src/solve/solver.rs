@@ -6,7 +6,7 @@ use super::refine::{refine, solution_of};
 use super::requirements::{self, Circle};
 use super::verify::{FrameGeometry, Hypothesis, PatternSource};
 use super::{Cause, HorizontalSolution, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, Statistics, Stop, Watch};
-use crate::catalog::{Catalogue, Field};
+use crate::catalog::{Catalogue, Field, FieldKey};
 use crate::image::{CellStatistics, Frame, Mask, auto_level};
 use crate::settings::Settings;
 use crate::sky::{CameraModel, DEG, HOUR, Mat3, Observer, RowOrder, Vec3, horizontal_of};
@@ -19,21 +19,10 @@ use std::sync::Arc;
 pub struct Solver {
     pub(super) catalogue: Arc<Catalogue>,
     settings: Arc<Settings>,
-    field: Option<Arc<Prepared>>,
+    field: Option<Arc<Field>>,
     pub(super) cells: CellStatistics,
     pub(super) finder: Finder,
     pub(super) found: Vec<Source>,
-}
-
-/// A field and the size of the frames that it was made for.
-#[derive(Debug)]
-struct Prepared {
-    width: usize,
-    height: usize,
-    range: (f64, f64),
-    catalog: crate::settings::CatalogSettings,
-    tolerance_px: f64,
-    field: Field,
 }
 
 /// A frame with more of its pixels saturated has no sky left to look at.
@@ -86,25 +75,34 @@ impl Solver {
         Self { catalogue, settings, field: None, cells: CellStatistics::default(), finder: Finder::default(), found: Vec::new() }
     }
 
-    /// Builds the index for frames of a size, px, unless it is there (well under 2 s).
+    /// Builds the index for frames of a size, px, unless it is there (under 2 s).
     pub fn prepare(&mut self, width: usize, height: usize) {
-        let matching = &self.settings.solver.matching;
-        let range = (matching.platescale_min_arcsec_px, matching.platescale_max_arcsec_px);
-        let fits = |p: &Arc<Prepared>| {
-            (p.width, p.height, p.range, p.tolerance_px) == (width, height, range, matching.tolerance_px)
-                && p.catalog == self.settings.catalog
-        };
-        if !self.field.as_ref().is_some_and(fits) {
-            let field = Field::build(&self.catalogue, &self.settings, width, height);
-            self.field = Some(Arc::new(Prepared {
-                width,
-                height,
-                range,
-                catalog: self.settings.catalog.clone(),
-                tolerance_px: matching.tolerance_px,
-                field,
-            }));
+        self.prepare_while(width, height, &|| true);
+    }
+
+    /// As [`Self::prepare`], for as long as `keep_on` says so; whether the index is there.
+    fn prepare_while(&mut self, width: usize, height: usize, keep_on: &dyn Fn() -> bool) -> bool {
+        let key = self.field_key(width, height);
+        if self.field.as_ref().is_none_or(|field| field.key != key) {
+            let Some(field) = Field::build(&self.catalogue, &key, keep_on) else { return false };
+            self.field = Some(Arc::new(field));
         }
+        true
+    }
+
+    /// The key of the index that frames of a size, px, need.
+    pub fn field_key(&self, width: usize, height: usize) -> FieldKey {
+        FieldKey::new(&self.catalogue, &self.settings, width, height)
+    }
+
+    /// The index that is there.
+    pub fn field(&self) -> Option<&Arc<Field>> {
+        self.field.as_ref()
+    }
+
+    /// Adopts an index that was kept, so that [`Self::prepare`] has none to build for the frames that it is for.
+    pub fn set_field(&mut self, field: Arc<Field>) {
+        self.field = Some(field);
     }
 
     /// The catalogue whose stars the matches point into.
@@ -143,7 +141,10 @@ impl Solver {
         } else {
             match self.mask(frame) {
                 Ok(mask) => {
-                    self.prepare(frame.width, frame.height);
+                    if !self.prepare_while(frame.width, frame.height, &|| watch.stop().is_none()) {
+                        stopped(&mut outcome, watch.stop().unwrap_or(Stop::Aborted));
+                        return outcome;
+                    }
                     self.finder.begin(frame, &self.cells);
                     let search = Search { frame, prior, watch, mask };
                     let done = normal && self.search_with(&search, SearchKernel::Sharp, &mut outcome);
@@ -265,12 +266,12 @@ impl Solver {
             }
             return false;
         }
-        let Some(prepared) = self.field.clone() else {
+        let Some(field) = self.field.clone() else {
             outcome.reason = Reason::Failed;
             outcome.detail = "the index is not there".into();
             return true;
         };
-        let context = Context { scale: kernel.scale(), ..self.context(frame, prior, watch, &prepared.field) };
+        let context = Context { scale: kernel.scale(), ..self.context(frame, prior, watch, &field) };
         self.match_sources(&context, outcome)
     }
 

@@ -26,6 +26,7 @@ pub fn settings() -> Settings {
     settings.network.listen = "127.0.0.1:0".to_owned();
     settings.camera.startup_delay_s = 0.0;
     settings.camera.period_s = 0.2;
+    settings.catalog.cache_directory = String::new();
     settings.record.enabled = false;
     settings
 }
