@@ -50,7 +50,14 @@ pub struct CellStatistics {
     noise: Vec<f32>,
     /// Scratch for medians.
     sorted: Vec<f32>,
-    columns_of_band: BandColumns,
+    noise_rows: NoiseRows,
+}
+
+/// The memory of [`CellStatistics::map_noise`].
+#[derive(Debug, Clone, Default, PartialEq)]
+struct NoiseRows {
+    lowest: [Vec<u32>; 3],
+    padded: Vec<u32>,
 }
 
 impl CellStatistics {
@@ -59,10 +66,9 @@ impl CellStatistics {
         self.columns = frame.width / CELL_PX;
         self.rows = frame.height / CELL_PX;
         for list in [&mut self.mean, &mut self.sigma, &mut self.step_sigma] {
-            list.clear();
-            list.reserve(self.columns * self.rows);
+            list.resize(self.columns * self.rows, 0.0);
         }
-        self.max.clear();
+        self.max.resize(self.columns * self.rows, 0);
         if self.columns > 0 {
             with_vectors(Gather { cells: self, frame });
         }
@@ -96,27 +102,33 @@ impl CellStatistics {
         let (columns, rows) = (self.columns, self.rows);
         self.noise.clear();
         self.noise.resize(columns * rows, 0.0);
-        // The lowest three so far of each cell's neighbourhood. Infinity left and right of the frame, so that all cells are alike.
-        let mut lowest: [Vec<f32>; 3] = std::array::from_fn(|_| vec![0.0; columns]);
-        let mut padded = vec![f32::INFINITY; columns + 2];
+        // The lowest three so far of each cell's neighbourhood, as bits: numbers that are not negative have the order of their bits, which
+        // compare faster. Infinity left and right of the frame, so that all cells are alike.
+        const NONE: u32 = f32::INFINITY.to_bits();
+        let NoiseRows { lowest, padded } = &mut self.noise_rows;
+        lowest.iter_mut().for_each(|list| list.resize(columns, NONE));
+        padded.clear();
+        padded.resize(columns + 2, NONE);
         for cy in 0..rows {
-            lowest.iter_mut().for_each(|list| list.fill(f32::INFINITY));
+            lowest.iter_mut().for_each(|list| list.fill(NONE));
             for j in cy.saturating_sub(1)..(cy + 2).min(rows) {
-                padded[1..=columns].copy_from_slice(&self.step_sigma[j * columns..][..columns]);
+                for (bits, sigma) in padded[1..=columns].iter_mut().zip(&self.step_sigma[j * columns..]) {
+                    *bits = sigma.to_bits();
+                }
                 for shift in 0..3 {
                     let sigma = &padded[shift..][..columns];
-                    let [a, b, c] = &mut lowest;
+                    let [a, b, c] = &mut *lowest;
                     let (a, b, c) = (&mut a[..columns], &mut b[..columns], &mut c[..columns]);
                     for x in 0..columns {
-                        c[x] = lesser(c[x], greater(b[x], sigma[x]));
-                        b[x] = lesser(b[x], greater(a[x], sigma[x]));
-                        a[x] = lesser(a[x], sigma[x]);
+                        c[x] = c[x].min(b[x].max(sigma[x]));
+                        b[x] = b[x].min(a[x].max(sigma[x]));
+                        a[x] = a[x].min(sigma[x]);
                     }
                 }
             }
             for (x, out) in self.noise[cy * columns..][..columns].iter_mut().enumerate() {
                 // A frame of one or two cells has no third; amid clipped cells none is left.
-                let third = lowest.iter().rev().map(|list| list[x]).find(|s| s.is_finite());
+                let third = lowest.iter().rev().map(|list| f32::from_bits(list[x])).find(|s| s.is_finite());
                 *out = third.map_or(self.image_noise as f32, |s| s / THIRD_OF_NINE);
             }
         }
@@ -201,19 +213,22 @@ impl Kernel for Gather<'_> {
     #[inline(always)]
     fn run(self) {
         let Gather { cells, frame } = self;
-        let mut columns = std::mem::take(&mut cells.columns_of_band);
-        columns.resize(cells.columns * CELL_PX);
         for row in 0..cells.rows {
-            columns.add_up(&frame.pixels[row * CELL_PX * frame.width..][..CELL_PX * frame.width], frame.width);
-            for column in 0..cells.columns {
-                let sums = columns.cell(column * CELL_PX);
-                cells.mean.push(sums.mean());
-                cells.sigma.push(sums.sigma());
-                cells.step_sigma.push(sums.step_sigma());
-                cells.max.push(sums.max);
+            let lines = std::array::from_fn(|line| &frame.pixels[(row * CELL_PX + line) * frame.width..][..frame.width]);
+            let of_row = row * cells.columns..(row + 1) * cells.columns;
+            let (means, sigmas) = (&mut cells.mean[of_row.clone()], &mut cells.sigma[of_row.clone()]);
+            let (step_sigmas, maxima) = (&mut cells.step_sigma[of_row.clone()], &mut cells.max[of_row]);
+            for column in 0..means.len() {
+                let sums = CellSums::of(&lines, column * CELL_PX);
+                means[column] = sums.mean();
+                sigmas[column] = sums.variance();
+                step_sigmas[column] = sums.step_variance();
+                maxima[column] = sums.max;
+            }
+            for list in [sigmas, step_sigmas] {
+                list.iter_mut().for_each(|variance| *variance = variance.sqrt());
             }
         }
-        cells.columns_of_band = columns;
     }
 }
 
@@ -229,115 +244,75 @@ impl Kernel for MapNoise<'_> {
     }
 }
 
-/// Sums down the columns of a band of [`CELL_PX`] rows.
-#[derive(Debug, Clone, Default, PartialEq)]
-struct BandColumns {
-    /// First pixel of each column's cell: sums relative to it stay small, so that single precision keeps the variance's digits.
-    reference: Vec<f32>,
-    sum: Vec<f32>,
-    squares: Vec<f32>,
-    /// Squared differences of each pixel and the one a row before.
-    step_squares: Vec<f32>,
-    /// The last row less the first.
-    steps: Vec<f32>,
-    max: Vec<u16>,
-}
-
-impl BandColumns {
-    fn resize(&mut self, width: usize) {
-        for column in [&mut self.reference, &mut self.sum, &mut self.squares, &mut self.step_squares, &mut self.steps] {
-            column.resize(width, 0.0);
-        }
-        self.max.resize(width, 0);
-    }
-
-    /// Adds up a band whose rows have `stride` pixels.
-    #[inline(always)]
-    fn add_up(&mut self, band: &[u16], stride: usize) {
-        let n = self.sum.len();
-        for (reference, first) in self.reference.chunks_exact_mut(CELL_PX).zip(band.chunks_exact(CELL_PX)) {
-            reference.fill(f32::from(first[0]));
-        }
-        let (reference, sum, squares) = (&self.reference[..n], &mut self.sum[..n], &mut self.squares[..n]);
-        let (step_squares, steps, max) = (&mut self.step_squares[..n], &mut self.steps[..n], &mut self.max[..n]);
-        let row = |line: usize| &band[line * stride..][..n];
-        let (first, last) = (row(0), row(CELL_PX - 1));
-        for x in 0..n {
-            let d = f32::from(first[x]) - reference[x];
-            sum[x] = d;
-            squares[x] = d * d;
-            step_squares[x] = 0.0;
-            steps[x] = f32::from(last[x]) - f32::from(first[x]);
-        }
-        max.copy_from_slice(first);
-        for line in 1..CELL_PX {
-            let (before, here) = (row(line - 1), row(line));
-            for x in 0..n {
-                let d = f32::from(here[x]) - reference[x];
-                let step = f32::from(here[x]) - f32::from(before[x]);
-                sum[x] += d;
-                squares[x] += d * d;
-                step_squares[x] += step * step;
-            }
-            for x in 0..n {
-                max[x] = max[x].max(here[x]);
-            }
-        }
-    }
-
-    /// The sums of the cell whose first column is `x`.
-    #[inline(always)]
-    fn cell(&self, x: usize) -> CellSums {
-        let of = |column: &[f32]| column[x..].first_chunk().map_or(0.0, total);
-        CellSums {
-            first: self.reference[x],
-            sum: of(&self.sum),
-            squares: of(&self.squares),
-            step_squares: of(&self.step_squares),
-            steps: of(&self.steps),
-            max: self.max[x..x + CELL_PX].iter().copied().fold(0, u16::max),
-        }
-    }
-}
-
-/// Sums over one cell, relative to its first pixel.
+/// Sums over one cell, relative to its first pixel: they stay small, so that single precision keeps the variance's digits.
 struct CellSums {
     first: f32,
     sum: f32,
     squares: f32,
+    /// Squared differences of each pixel and the one a row before.
     step_squares: f32,
+    /// The last row less the first.
     steps: f32,
     max: u16,
 }
 
 impl CellSums {
+    /// Of the cell whose first column is `x`, in the rows of a band. All sums of its columns stay in registers.
     #[inline(always)]
-    fn mean(&self) -> f32 {
-        self.first + self.sum / CELL_N
+    fn of(lines: &[&[u16]; CELL_PX], x: usize) -> Self {
+        let line = |y: usize| lines[y][x..].first_chunk::<CELL_PX>().unwrap_or(&[0; CELL_PX]);
+        let top = line(0).map(f32::from);
+        let first = top[0];
+        let (mut sum, mut squares, mut step_squares) = ([0f32; CELL_PX], [0f32; CELL_PX], [0f32; CELL_PX]);
+        for i in 0..CELL_PX {
+            let d = top[i] - first;
+            (sum[i], squares[i]) = (d, d * d);
+        }
+        let mut max = *line(0);
+        for y in 1..CELL_PX {
+            // Read twice rather than kept: one register more and a sum would be in memory.
+            let (before, row) = (line(y - 1), line(y));
+            for i in 0..CELL_PX {
+                let pixel = f32::from(row[i]);
+                let (d, step) = (pixel - first, pixel - f32::from(before[i]));
+                sum[i] += d;
+                squares[i] += d * d;
+                step_squares[i] += step * step;
+            }
+            for i in 0..CELL_PX {
+                max[i] = max[i].max(row[i]);
+            }
+        }
+        let mut steps = line(CELL_PX - 1).map(f32::from);
+        for i in 0..CELL_PX {
+            steps[i] -= top[i];
+        }
+        Self {
+            first,
+            sum: total(&sum),
+            squares: total(&squares),
+            step_squares: total(&step_squares),
+            steps: total(&steps),
+            max: max.into_iter().fold(0, u16::max),
+        }
     }
 
     #[inline(always)]
-    fn sigma(&self) -> f32 {
-        ((self.squares - self.sum * self.sum / CELL_N).max(0.0) / (CELL_N - 1.0)).sqrt()
+    fn mean(&self) -> f32 {
+        self.first + self.sum * (1.0 / CELL_N)
+    }
+
+    #[inline(always)]
+    fn variance(&self) -> f32 {
+        (self.squares - self.sum * self.sum * (1.0 / CELL_N)).max(0.0) * (1.0 / (CELL_N - 1.0))
     }
 
     /// A difference has twice the variance of a pixel; a slope gives all differences a mean, which is taken off.
     #[inline(always)]
-    fn step_sigma(&self) -> f32 {
+    fn step_variance(&self) -> f32 {
         const STEPS: f32 = (CELL_PX * (CELL_PX - 1)) as f32;
-        (0.5 * (self.step_squares - self.steps * self.steps / STEPS).max(0.0) / (STEPS - 1.0)).sqrt()
+        (self.step_squares - self.steps * self.steps * (1.0 / STEPS)).max(0.0) * (0.5 / (STEPS - 1.0))
     }
-}
-
-/// The lesser and the greater of two numbers, as one instruction each: neither is a NaN here.
-#[inline(always)]
-fn lesser(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
-}
-
-#[inline(always)]
-fn greater(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
 }
 
 /// Pixels of a cell.

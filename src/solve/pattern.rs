@@ -12,9 +12,10 @@ use super::verify::{FrameGeometry, Hypothesis, PatternSource, ln_hypotheses, ver
 use crate::catalog::{Field, FoundTriangle, POINTS, Runs, TriangleQuery, shape};
 use crate::sky::{Attitude, Kernel, Vec3, with_vectors};
 
-/// Half width of the box in which a triangle's shape is looked for, px over the longest side (trials: loses nothing at 1 px of
-/// centroid error).
-const SHAPE_TOLERANCE_PX: f64 = 2.5;
+/// How far a corner may lie from where the star is, in its own σ and, beyond that, for the optics' distortion, px (trials: a loss of
+/// less than one triangle in a hundred).
+const CORNER_SIGMAS: f64 = 2.5;
+const DISTORTED_PX: f64 = 1.0;
 /// Sources beyond the pattern that must fall on a star: with few sources two are enough, with many chance gives two.
 const FEW_SOURCES: usize = 9;
 /// Sources that a pattern can be made of: as many as are screened at once.
@@ -22,7 +23,7 @@ pub const MAX_SOURCES: usize = POINTS;
 /// Triangles remembered for the display.
 const REMEMBERED: usize = 64;
 /// Share of the budget that pairs may use: a last resort.
-const PAIR_SHARE: f64 = 0.01;
+const PAIR_SHARE: f64 = 0.0;
 
 /// Whether the boresight may point in a direction.
 pub type Allows<'a> = &'a dyn Fn(&Vec3) -> bool;
@@ -140,12 +141,13 @@ impl<'a> PatternSearch<'a> {
     /// What to look up for one triangle of sources: every labelling that the errors of its corners allow.
     #[inline(always)]
     fn ask(&self, [p, q, r]: [usize; 3], queries: &mut Vec<TriangleQuery>, planes: &mut Vec<SourcePlane<3>>) {
+        let tolerance = self.tolerance(&[p, q, r]);
         for [a, b, c] in [[p, q, r], [q, p, r], [p, r, q], [r, p, q], [q, r, p], [r, q, p]] {
             let (x, y, length) = shape(&self.sources[a].direction, &self.sources[b].direction, &self.sources[c].direction);
-            let slack = SHAPE_TOLERANCE_PX * self.field.geometry.platescale / length;
+            let slack = tolerance / length;
             let longest = x * x + y * y <= (1.0 + slack).powi(2) && (1.0 - x).powi(2) + y * y <= (1.0 + slack).powi(2);
             if longest && x <= 0.5 + slack {
-                queries.push(TriangleQuery { x, y, tolerance: slack, length: self.length_range(length) });
+                queries.push(TriangleQuery { x, y, tolerance: slack, length: self.length_range(length, tolerance) });
                 planes.push(SourcePlane::new(self.sources, [a, b, c]));
             }
         }
@@ -164,7 +166,7 @@ impl<'a> PatternSearch<'a> {
                     continue;
                 }
                 found.clear();
-                self.field.triangles.pairs(self.length_range(length), |[a, b]| found.extend([[a, b], [b, a]]));
+                self.field.triangles.pairs(self.length_range(length, self.tolerance(&[i, j])), |[a, b]| found.extend([[a, b], [b, a]]));
                 found.truncate((allowed - (self.tally.candidates - spent)) as usize);
                 let (end, _) = self.screen(&[SourcePlane::new(self.sources, [i, j])], &found, |&stars| (0, stars));
                 if end.is_some() {
@@ -175,11 +177,17 @@ impl<'a> PatternSearch<'a> {
         None
     }
 
+    /// How far the worst of some corners may lie from its star, rad at the middle plate scale.
+    #[inline(always)]
+    fn tolerance(&self, corners: &[usize]) -> f64 {
+        let sigma = corners.iter().map(|&c| self.sources[c].sigma).fold(0.0, f64::max);
+        self.field.geometry.platescale * (CORNER_SIGMAS * sigma).hypot(DISTORTED_PX).min(self.geometry.tolerance)
+    }
+
     /// Lengths on the sky that a length at the middle plate scale may be.
-    fn length_range(&self, length: f64) -> (f64, f64) {
+    fn length_range(&self, length: f64, slack: f64) -> (f64, f64) {
         let (low, high) = self.field.platescale_range;
         let middle = self.field.geometry.platescale;
-        let slack = SHAPE_TOLERANCE_PX * middle;
         ((length * low / middle - slack).max(0.0), length * high / middle + slack)
     }
 

@@ -5,9 +5,9 @@
 use super::kernel::SearchKernel;
 use super::light::{KnownStar, Light, PlacedStar};
 use super::lines;
-use super::measure::{CoreTemplate, Patch, Shape, Standing, centroid, moments};
+use super::measure::{CoreTemplate, Patch, Shape, Standing, centroid, moments, summit};
 use super::peaks::{Peak, PeakFinder, PeakRules, Taps};
-use super::plane::{Clipped, MARGIN, Picture, Plane, halve};
+use super::plane::{Clipped, HalveScratch, MARGIN, Picture, Plane, halve};
 use super::trails::{self, TrailFinder};
 use crate::image::{CELL_PX, CellStatistics, Frame};
 use crate::settings::SourceSettings;
@@ -131,6 +131,7 @@ pub struct Finder {
     excess: Vec<u16>,
     /// The picture at scales 1, 2, …
     halved: Vec<Plane>,
+    scratch: HalveScratch,
     /// Scales of `halved` that belong to the present frame.
     halved_ready: usize,
     finder: PeakFinder,
@@ -311,8 +312,8 @@ impl Finder {
             let (done, rest) = self.halved.split_at_mut(self.halved_ready);
             if let Some(out) = rest.first_mut() {
                 match done.last() {
-                    Some(from) => halve(from, out),
-                    None => halve(&Clipped::new(frame, &self.excess), out),
+                    Some(from) => halve(from, &mut self.scratch, out),
+                    None => halve(&Clipped::new(frame, &self.excess), &mut self.scratch, out),
                 }
             }
             self.halved_ready += 1;
@@ -416,15 +417,11 @@ impl<P: Picture> Kernel for MeasurePeaks<'_, P> {
         let template = CoreTemplate::new(&kernel.shape());
         for &peak in peaks {
             let mut peak = Peak { x: peak.x * finer, y: peak.y * finer, ..peak };
-            let Some(mut patch) = Patch::cut(picture, peak.x, peak.y) else { continue };
             if finer > 1 {
-                let (dx, dy) = patch.summit(finer);
-                if (dx, dy) != (0, 0) {
-                    (peak.x, peak.y) = (peak.x.wrapping_add_signed(dx), peak.y.wrapping_add_signed(dy));
-                    let Some(centred) = Patch::cut(picture, peak.x, peak.y) else { continue };
-                    patch = centred;
-                }
+                let Some((x, y)) = summit(picture, peak.x, peak.y, finer) else { continue };
+                (peak.x, peak.y) = (x, y);
             }
+            let Some(mut patch) = Patch::cut(picture, peak.x, peak.y) else { continue };
             patch.level_out();
             let sigma = noise(peak.x, peak.y);
             let mut standing = Standing::measure(&patch, &template, sigma);

@@ -7,7 +7,7 @@ use super::plane::{MARGIN, Picture};
 
 /// Half the side of a patch, and its side, samples: three boxes of five by three boxes of five.
 pub const HALF: usize = 7;
-const SIDE: usize = 2 * HALF + 1;
+pub const SIDE: usize = 2 * HALF + 1;
 /// Samples that a row of a patch has room for: two vectors of eight. The last is nought and counts for nothing.
 pub const WIDTH: usize = 16;
 /// The samples of a patch, ADU.
@@ -19,6 +19,29 @@ const CORE: usize = 3;
 const CORE_SIDE: usize = 2 * CORE + 1;
 const CORE_N: usize = CORE_SIDE * CORE_SIDE;
 
+fn inside<P: Picture>(picture: &P, x: usize, y: usize) -> bool {
+    x >= MARGIN && y >= MARGIN && x + MARGIN < picture.width() && y + MARGIN < picture.height()
+}
+
+/// Where the highest nine samples lie together, from one sample before a place to `finer` after it; `None` at the border.
+#[inline(always)]
+pub fn summit<P: Picture>(picture: &P, x: usize, y: usize, finer: usize) -> Option<(usize, usize)> {
+    if !inside(picture, x, y) {
+        return None;
+    }
+    let samples = picture.cut_lines(x, y, HALF - 2..HALF + finer + 2);
+    let mut best = (f32::MIN, x, y);
+    for j in HALF - 1..=HALF + finer {
+        for i in HALF - 1..=HALF + finer {
+            let sum: f32 = samples[j - 1..=j + 1].iter().map(|row| row[i - 1] + row[i] + row[i + 1]).sum();
+            if sum > best.0 {
+                best = (sum, x + i - HALF, y + j - HALF);
+            }
+        }
+    }
+    Some((best.1, best.2))
+}
+
 /// The surroundings of a peak.
 #[derive(Debug, Clone)]
 pub struct Patch {
@@ -29,23 +52,7 @@ impl Patch {
     /// Cuts the patch around a sample; `None` where it would reach over the border.
     #[inline(always)]
     pub fn cut<P: Picture>(picture: &P, x: usize, y: usize) -> Option<Self> {
-        let inside = x >= MARGIN && y >= MARGIN && x + MARGIN < picture.width() && y + MARGIN < picture.height();
-        inside.then(|| Self { samples: picture.cut(x, y) })
-    }
-
-    /// Where the highest nine samples lie together, from one sample before the middle to `finer` after it.
-    #[inline(always)]
-    pub fn summit(&self, finer: usize) -> (isize, isize) {
-        let mut best = (f32::MIN, 0, 0);
-        for y in HALF - 1..=HALF + finer {
-            for x in HALF - 1..=HALF + finer {
-                let sum: f32 = self.samples[y - 1..=y + 1].iter().map(|row| row[x - 1] + row[x] + row[x + 1]).sum();
-                if sum > best.0 {
-                    best = (sum, x as isize - HALF as isize, y as isize - HALF as isize);
-                }
-            }
-        }
-        (best.1, best.2)
+        inside(picture, x, y).then(|| Self { samples: picture.cut(x, y) })
     }
 
     /// Means of the nine boxes, row after row.

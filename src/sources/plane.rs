@@ -3,9 +3,10 @@
 
 #![allow(clippy::indexing_slicing, reason = "a numeric kernel: rows are cut from the picture's own size")]
 
-use super::measure::{HALF, Samples, WIDTH};
+use super::measure::{HALF, SIDE, Samples, WIDTH};
 use crate::image::{CELL_PX, CellStatistics, Frame};
 use crate::sky::{Kernel, with_vectors};
+use std::ops::Range;
 
 /// A pixel this many times the local noise above all its neighbours is clipped for the search.
 const SPIKE_SIGMAS: f32 = 3.0;
@@ -13,16 +14,18 @@ const SPIKE_SIGMAS: f32 = 3.0;
 /// Samples around the middle of a patch that [`Picture::cut`] reads.
 pub const MARGIN: usize = HALF + 2;
 
-/// A picture in file order whose rows and patches can be had as numbers, ADU.
+/// A picture in file order whose patches, and whose halves, can be had as numbers, ADU.
 pub trait Picture {
     /// Columns.
     fn width(&self) -> usize;
     /// Rows.
     fn height(&self) -> usize;
-    /// Row `y`, into a buffer of that width.
-    fn load(&self, y: usize, out: &mut [f32]);
+    /// Row `y` of the halved picture: means of 2 × 2 samples.
+    fn halve_row(&self, y: usize, scratch: &mut HalveScratch, out: &mut [f32]);
     /// The patch around a sample that is [`MARGIN`] or more away from every border.
     fn cut(&self, x: usize, y: usize) -> Samples;
+    /// Some lines of the patch; the others are nought, and the core may be clipped.
+    fn cut_lines(&self, x: usize, y: usize, lines: Range<usize>) -> Samples;
 }
 
 /// A frame, every pixel that stands far above the highest of its eight neighbours clipped.
@@ -58,6 +61,44 @@ impl<'a> Clipped<'a> {
     fn row(&self, y: usize) -> &[u16] {
         &self.frame.pixels[y * self.frame.width..][..self.frame.width]
     }
+
+    /// Row `y`, clipped; what lies on the border stays as it is.
+    #[inline(always)]
+    fn clip_row(&self, y: usize, beside: &mut [u16], highest: &mut [u16], out: &mut [u16]) {
+        let (width, height) = (self.frame.width, self.frame.height);
+        let here = self.row(y);
+        if y == 0 || y + 1 == height || width < 3 {
+            out.copy_from_slice(here);
+            return;
+        }
+        // Of the rows above and below, and of all three: each is needed by three neighbours.
+        let (above, below) = (self.row(y - 1), self.row(y + 1));
+        let (beside, highest) = (&mut beside[..width], &mut highest[..width]);
+        for x in 0..width {
+            beside[x] = above[x].max(below[x]);
+            highest[x] = beside[x].max(here[x]);
+        }
+        (out[0], out[width - 1]) = (here[0], here[width - 1]);
+        let n = width - 2;
+        let excess = &self.excess[y / CELL_PX * width + 1..][..n];
+        let (left, right) = (&highest[..n], &highest[2..][..n]);
+        let (beside, here, out) = (&beside[1..][..n], &here[1..][..n], &mut out[1..][..n]);
+        for x in 0..n {
+            let neighbours = left[x].max(right[x]).max(beside[x]);
+            out[x] = here[x].min(neighbours.saturating_add(excess[x]));
+        }
+    }
+}
+
+/// The memory of [`Picture::halve_row`].
+#[derive(Debug, Clone, Default)]
+pub struct HalveScratch {
+    /// The higher one of the pixels above and below.
+    beside: Vec<u16>,
+    /// The highest one of these and the pixel between them.
+    highest: Vec<u16>,
+    /// Two rows, clipped.
+    clipped: [Vec<u16>; 2],
 }
 
 impl Picture for Clipped<'_> {
@@ -72,59 +113,73 @@ impl Picture for Clipped<'_> {
     }
 
     #[inline(always)]
-    fn load(&self, y: usize, out: &mut [f32]) {
-        let (width, height) = (self.frame.width, self.frame.height);
-        let here = self.row(y);
-        if y == 0 || y + 1 == height || width < 3 {
-            out.iter_mut().zip(here).for_each(|(out, &pixel)| *out = f32::from(pixel));
-            return;
+    fn halve_row(&self, y: usize, scratch: &mut HalveScratch, out: &mut [f32]) {
+        let HalveScratch { beside, highest, clipped } = scratch;
+        for row in [&mut *beside, &mut *highest].into_iter().chain(&mut *clipped) {
+            row.resize(self.frame.width, 0);
         }
-        (out[0], out[width - 1]) = (f32::from(here[0]), f32::from(here[width - 1]));
-        let excess = &self.excess[y / CELL_PX * width + 1..][..width - 2];
-        clip([self.row(y - 1), here, self.row(y + 1)], excess, &mut out[1..width - 1]);
+        for (line, out) in clipped.iter_mut().enumerate() {
+            self.clip_row(2 * y + line, beside, highest, out);
+        }
+        add_pairs(&clipped[0], &clipped[1], out);
+    }
+
+    #[inline(always)]
+    fn cut_lines(&self, x: usize, y: usize, lines: Range<usize>) -> Samples {
+        let mut samples = [[0f32; WIDTH]; SIDE];
+        let excess = self.excess[y / CELL_PX * self.frame.width + x];
+        for j in lines {
+            let rows = [0, 1, 2].map(|k| &self.row(y + j + k - HALF - 1)[x - HALF - 1..][..WIDTH + 2]);
+            clip(rows, excess, &mut samples[j]);
+            samples[j][WIDTH - 1] = 0.0;
+        }
+        samples
     }
 
     #[inline(always)]
     fn cut(&self, x: usize, y: usize) -> Samples {
-        let mut samples = [[0f32; WIDTH]; 2 * HALF + 1];
-        let excess = [self.excess[y / CELL_PX * self.frame.width + x]; WIDTH];
-        for (j, out) in samples.iter_mut().enumerate() {
-            let rows = [0, 1, 2].map(|k| &self.row(y + j + k - HALF - 1)[x - HALF - 1..][..WIDTH + 2]);
-            clip(rows, &excess, out);
-            out[WIDTH - 1] = 0.0;
-        }
-        restore_core(&mut samples, |i, j| f32::from(self.row(y + j - HALF)[x + i - HALF]));
+        let mut samples = self.cut_lines(x, y, 0..SIDE);
+        restore_core(&mut samples, |j| {
+            let row = &self.row(y + j - HALF)[x - CORE..][..2 * CORE + 1];
+            std::array::from_fn(|i| f32::from(row[i]))
+        });
         samples
     }
 }
 
 /// The middle one of three rows without its ends, clipped.
 #[inline(always)]
-fn clip(rows: [&[u16]; 3], excess: &[u16], out: &mut [f32]) {
-    let n = out.len();
-    let at = |row: usize, shift: usize| &rows[row][shift..][..n];
+fn clip(rows: [&[u16]; 3], excess: u16, out: &mut [f32; WIDTH]) {
+    let at = |row: usize, shift: usize| rows[row][shift..].first_chunk::<WIDTH>().unwrap_or(&[0; WIDTH]);
     let (a0, a1, a2) = (at(0, 0), at(0, 1), at(0, 2));
     let (h0, h1, h2) = (at(1, 0), at(1, 1), at(1, 2));
     let (b0, b1, b2) = (at(2, 0), at(2, 1), at(2, 2));
-    let excess = &excess[..n];
-    for x in 0..n {
+    for x in 0..WIDTH {
         let rows = a0[x].max(a1[x]).max(a2[x]).max(b0[x]).max(b1[x].max(b2[x]));
         let highest = rows.max(h0[x].max(h2[x]));
-        out[x] = f32::from(h1[x].min(highest.saturating_add(excess[x])));
+        out[x] = f32::from(h1[x].min(highest.saturating_add(excess)));
     }
 }
+
+/// Half the side of what is looked at for the core of a star, px.
+const CORE: usize = 3;
 
 /// Puts back the true height of a star's core from the unclipped picture, and leaves out what is a lone hot pixel.
 ///
 /// A star's four nearest neighbours stand above its four corners nearly half as much as it stands above them; a hot pixel's do not.
 #[inline(always)]
-fn restore_core(samples: &mut Samples, raw: impl Fn(usize, usize) -> f32) {
-    /// Half the side of what is looked at, px, and the steepness of a star.
-    const CORE: usize = 3;
+fn restore_core(samples: &mut Samples, raw: impl Fn(usize) -> [f32; 2 * CORE + 1]) {
+    /// The steepness of a star.
     const STAR_STEEPNESS: f32 = 3.0;
     for j in HALF - CORE..=HALF + CORE {
-        for i in HALF - CORE..=HALF + CORE {
-            let raw = raw(i, j);
+        // Hardly any row has a clipped pixel: that is seen for all its pixels at once.
+        let raw = raw(j);
+        let mut clipped = false;
+        for i in 0..=2 * CORE {
+            clipped |= raw[i] > samples[j][HALF - CORE + i];
+        }
+        for i in (HALF - CORE..=HALF + CORE).filter(|_| clipped) {
+            let raw = raw[i + CORE - HALF];
             if raw > samples[j][i] {
                 let s = &*samples;
                 let sides = 0.25 * (s[j - 1][i] + s[j + 1][i] + s[j][i - 1] + s[j][i + 1]);
@@ -168,28 +223,38 @@ impl Picture for Plane {
     }
 
     #[inline(always)]
-    fn load(&self, y: usize, out: &mut [f32]) {
-        out.copy_from_slice(self.row(y));
+    fn halve_row(&self, y: usize, _: &mut HalveScratch, out: &mut [f32]) {
+        let (top, bottom) = (self.row(2 * y), self.row(2 * y + 1));
+        let n = out.len();
+        let (top, bottom) = (&top[..2 * n], &bottom[..2 * n]);
+        for x in 0..n {
+            out[x] = 0.25 * ((top[2 * x] + bottom[2 * x]) + (top[2 * x + 1] + bottom[2 * x + 1]));
+        }
     }
 
     #[inline(always)]
     fn cut(&self, x: usize, y: usize) -> Samples {
-        const SIDE: usize = 2 * HALF + 1;
+        self.cut_lines(x, y, 0..SIDE)
+    }
+
+    #[inline(always)]
+    fn cut_lines(&self, x: usize, y: usize, lines: Range<usize>) -> Samples {
         let mut samples = [[0f32; WIDTH]; SIDE];
-        for (j, out) in samples.iter_mut().enumerate() {
-            out[..SIDE].copy_from_slice(&self.row(y + j - HALF)[x - HALF..][..SIDE]);
+        for j in lines {
+            samples[j][..SIDE].copy_from_slice(&self.row(y + j - HALF)[x - HALF..][..SIDE]);
         }
         samples
     }
 }
 
 /// Means of 2 × 2 samples; an odd last row or column is left out.
-pub fn halve<P: Picture>(from: &P, out: &mut Plane) {
-    with_vectors(Halve { from, out });
+pub fn halve<P: Picture>(from: &P, scratch: &mut HalveScratch, out: &mut Plane) {
+    with_vectors(Halve { from, scratch, out });
 }
 
 struct Halve<'a, P> {
     from: &'a P,
+    scratch: &'a mut HalveScratch,
     out: &'a mut Plane,
 }
 
@@ -198,24 +263,26 @@ impl<P: Picture> Kernel for Halve<'_, P> {
 
     #[inline(always)]
     fn run(self) {
-        let Halve { from, out } = self;
+        let Halve { from, scratch, out } = self;
         (out.width, out.height) = (from.width() / 2, from.height() / 2);
         out.pixels.resize(out.width * out.height, 0.0);
-        let mut rows = [vec![0f32; from.width()], vec![0f32; from.width()]];
         for (y, out) in out.pixels.chunks_exact_mut(out.width.max(1)).enumerate() {
-            from.load(2 * y, &mut rows[0]);
-            from.load(2 * y + 1, &mut rows[1]);
-            add_pairs(&rows[0], &rows[1], out);
+            from.halve_row(y, scratch, out);
         }
     }
 }
 
+/// Means of pairs of pixels in two rows. Two pixels make one number of 32 bits, whose halves add up faster than pixels that would first
+/// have to be sorted into even and odd ones.
 #[inline(always)]
-fn add_pairs(top: &[f32], bottom: &[f32], out: &mut [f32]) {
+fn add_pairs(top: &[u16], bottom: &[u16], out: &mut [f32]) {
     let n = out.len();
-    let (top, bottom) = (&top[..2 * n], &bottom[..2 * n]);
+    let (top, bottom) = (&top.as_chunks::<2>().0[..n], &bottom.as_chunks::<2>().0[..n]);
+    let both = |pair: [u16; 2]| u32::from(pair[0]) | u32::from(pair[1]) << 16;
+    let sum = |pair: u32| (pair & 0xffff) + (pair >> 16);
     for x in 0..n {
-        out[x] = 0.25 * ((top[2 * x] + bottom[2 * x]) + (top[2 * x + 1] + bottom[2 * x + 1]));
+        let four = sum(both(top[x])).wrapping_add(sum(both(bottom[x])));
+        out[x] = 0.25 * four as i32 as f32;
     }
 }
 
@@ -234,11 +301,15 @@ mod tests {
         let frame = Frame::new(20, 10, pixels, RowOrder::BottomFirst).unwrap();
         let excess = vec![90; 20];
         let picture = Clipped::new(&frame, &excess);
-        let mut row = vec![0.0; 20];
-        picture.load(3, &mut row);
-        assert_eq!((row[4], row[5]), (190.0, 100.0));
-        picture.load(5, &mut row);
-        assert_eq!(row[12], 400.0);
+        let mut rows = [vec![0; 20], vec![0; 20], vec![0; 20]];
+        let [beside, highest, row] = &mut rows;
+        picture.clip_row(3, beside, highest, row);
+        assert_eq!((row[4], row[5]), (190, 100));
+        picture.clip_row(5, beside, highest, row);
+        assert_eq!(row[12], 400);
+        let mut half = Plane::default();
+        halve(&picture, &mut HalveScratch::default(), &mut half);
+        assert_eq!((half.row(1)[2], half.row(2)[6]), (0.25 * 490.0, 0.25 * (290.0 + 400.0 + 100.0 + 310.0)));
     }
 
     #[test]
@@ -262,7 +333,7 @@ mod tests {
     fn halving_takes_means_and_drops_an_odd_edge() {
         let plane = Plane { width: 5, height: 3, pixels: (0..15u8).map(f32::from).collect() };
         let mut out = Plane::default();
-        halve(&plane, &mut out);
+        halve(&plane, &mut HalveScratch::default(), &mut out);
         assert_eq!((out.width, out.height), (2, 1));
         assert_eq!(out.pixels, vec![3.0, 5.0]);
     }
