@@ -22,8 +22,6 @@ const FEW_SOURCES: usize = 9;
 pub const MAX_SOURCES: usize = POINTS;
 /// Triangles remembered for the display.
 const REMEMBERED: usize = 64;
-/// Share of the budget that pairs may use: a last resort.
-const PAIR_SHARE: f64 = 0.0;
 
 /// Whether the boresight may point in a direction.
 pub type Allows<'a> = &'a dyn Fn(&Vec3) -> bool;
@@ -153,11 +151,9 @@ impl<'a> PatternSearch<'a> {
         }
     }
 
-    /// Every short pair of sources, both ways round, within its share of the budget.
+    /// Every short pair of sources, both ways round, with what the triangles left of the budget: a last resort.
     #[inline(always)]
     fn pairs(&mut self) -> Option<SearchEnd> {
-        let spent = self.tally.candidates;
-        let allowed = (self.rules.budget as f64 * PAIR_SHARE) as u64;
         let mut found: Vec<[u32; 2]> = Vec::new();
         for j in 1..self.sources.len() {
             for i in 0..j {
@@ -167,7 +163,7 @@ impl<'a> PatternSearch<'a> {
                 }
                 found.clear();
                 self.field.triangles.pairs(self.length_range(length, self.tolerance(&[i, j])), |[a, b]| found.extend([[a, b], [b, a]]));
-                found.truncate((allowed - (self.tally.candidates - spent)) as usize);
+                found.truncate(self.rules.budget.saturating_sub(self.tally.candidates) as usize);
                 let (end, _) = self.screen(&[SourcePlane::new(self.sources, [i, j])], &found, |&stars| (0, stars));
                 if end.is_some() {
                     return end;
