@@ -162,7 +162,9 @@ impl<'a> PatternSearch<'a> {
                     continue;
                 }
                 found.clear();
-                self.field.triangles.pairs(self.length_range(length, self.tolerance(&[i, j])), |[a, b]| found.extend([[a, b], [b, a]]));
+                self.field
+                    .triangles
+                    .pairs(self.length_range(length, self.tolerance(&[i, j])), |[a, b]| found.extend([[a, b], [b, a]]));
                 found.truncate(self.rules.budget.saturating_sub(self.tally.candidates) as usize);
                 let (end, _) = self.screen(&[SourcePlane::new(self.sources, [i, j])], &found, |&stars| (0, stars));
                 if end.is_some() {

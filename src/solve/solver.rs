@@ -319,10 +319,11 @@ impl Solver {
     }
 
     /// Matches the sources of the last search; `true` where the frame is done with.
-    fn match_sources(&self, context: &Context<'_>, outcome: &mut Outcome) -> bool {
+    fn match_sources(&mut self, context: &Context<'_>, outcome: &mut Outcome) -> bool {
         let started = context.watch.elapsed();
-        let settings = &self.settings.solver;
-        let all: Vec<PatternSource> = self.found.iter().map(|s| pattern_source(s, &context.camera)).collect();
+        let settings = self.settings.clone();
+        let settings = &settings.solver;
+        let all = self.pattern_sources(context);
         let tried = all.get(..all.len().min(settings.sources.max_sources as usize)).unwrap_or(&all);
         let inside = |d: &Vec3| context.circles.iter().all(|c| c.contains(d));
         let fraction = context.circles.iter().map(Circle::sky_fraction).fold(1.0, f64::min);
@@ -340,8 +341,9 @@ impl Solver {
         match end {
             SearchEnd::Found(hypothesis) => {
                 let started = context.watch.elapsed();
+                self.finder.complete(&mut self.found);
                 self.report_sources(outcome);
-                self.conclude(context, &all, &hypothesis, outcome);
+                self.conclude(context, &self.pattern_sources(context), &hypothesis, outcome);
                 outcome.times.fit += context.watch.elapsed() - started;
                 true
             }
@@ -430,6 +432,11 @@ impl Solver {
         let variance = (common_px * solution.platescale).powi(2);
         solution.covariance += Mat3::from_diagonal(&Vec3::new(variance, variance, 0.0));
         Some(solution)
+    }
+
+    /// The sources of the last search as the matcher sees them.
+    fn pattern_sources(&self, context: &Context<'_>) -> Vec<PatternSource> {
+        self.found.iter().map(|source| pattern_source(source, &context.camera)).collect()
     }
 
     /// No pattern beyond doubt: says what there was; `false`, so that a wider search may follow.

@@ -121,6 +121,8 @@ const TRAIL_SCALES: std::ops::RangeInclusive<usize> = 1..=2;
 /// so that one bright star does not decide for all.
 const DECIDING: usize = 12;
 const MOST_OF_ONE: f32 = 8.0;
+/// Peaks of a cell by which a kernel is judged: enough to have a dozen stars among them.
+const JUDGED_PER_CELL: usize = 2;
 /// Peaks that a cell gives along a direction: all directions are measured before one is chosen.
 const TRAILS_PER_CELL: usize = 4;
 
@@ -143,7 +145,11 @@ pub struct Finder {
     surveyed: Vec<Survey>,
     thresholds: Vec<f32>,
     patches: Vec<Patch>,
+    /// In the order of the sources, once these are measured.
     candidates: Vec<Candidate>,
+    /// Sources of the last search whose centres are fitted: the first ones.
+    fitted: usize,
+    optics: Optics,
     kept: Vec<Peak>,
     /// σ of the frame's point spread function at the last search, px: long and short axis.
     pub psf_axes: Option<(f64, f64)>,
@@ -203,14 +209,20 @@ impl Finder {
         kernel: SearchKernel,
         peaks: Vec<Peak>,
     ) -> Survey {
-        self.peaks = peaks;
+        // Those of a cell come one after the other, the highest first.
+        let cell = rules_cell(look.settings, kernel.search_scale());
+        let cell_of = |peak: &Peak| (peak.x / cell, peak.y / cell);
+        self.peaks.clear();
+        for of_cell in peaks.chunk_by(|a, b| cell_of(a) == cell_of(b)) {
+            self.peaks.extend(of_cell.iter().take(JUDGED_PER_CELL));
+        }
         self.measure_peaks(frame, cells, look, kernel);
         let stars = self.candidates.iter().filter(|c| c.is_star_like());
         let mut confidences: Vec<f32> = stars.map(|c| c.standing.confidence.min(MOST_OF_ONE)).collect();
         confidences.sort_unstable_by(|a, b| b.total_cmp(a));
         // What any noise has counts for nothing.
         let score = confidences.iter().take(DECIDING).map(|c| (c - look.settings.min_snr as f32).max(0.0).powi(2)).sum();
-        Survey { kernel, peaks: std::mem::take(&mut self.peaks), score }
+        Survey { kernel, peaks, score }
     }
 
     /// Measures the peaks with the first guess of a kernel's shape.
@@ -261,10 +273,21 @@ impl Finder {
         }
         self.mark_lines();
         self.rank(rules_cell(settings, scale), settings.max_per_cell as usize, settings.max_found as usize);
-        with_vectors(MeasureSources { finder: self, cells, bin, first: kernel.shape(), sources });
-        // Stars first; among equals the surest first. A stable sort, so that the same frame gives the same order.
-        sources.sort_by(|a, b| b.star_like.cmp(&a.star_like).then(b.confidence.total_cmp(&a.confidence)));
+        with_vectors(MeasureSources {
+            finder: self,
+            cells,
+            bin,
+            first: kernel.shape(),
+            enough: look.settings.max_sources as usize,
+            sources,
+        });
         true
+    }
+
+    /// Fits the centres of the sources of the last search that were not worth it before a pattern was found. The first ones, which
+    /// patterns are made of, stay as they are.
+    pub fn complete(&mut self, sources: &mut [Source]) {
+        with_vectors(FitTheRest { finder: self, sources });
     }
 
     /// The peaks of a round kernel; `false` where it was told not to keep on.
@@ -435,13 +458,31 @@ impl<P: Picture> Kernel for MeasurePeaks<'_, P> {
     }
 }
 
-/// Measures what is left again with the frame's own shape, and fits the centres.
+/// What a star is taken to look like in the picture of a search.
+#[derive(Debug, Clone, Copy)]
+struct Optics {
+    shape: Shape,
+    /// ADU/e⁻ of a sample.
+    gain: f32,
+    /// Pixels along a sample.
+    bin: usize,
+}
+
+impl Default for Optics {
+    fn default() -> Self {
+        Self { shape: Shape::round(1.0), gain: USUAL_GAIN as f32, bin: 1 }
+    }
+}
+
+/// Measures what is left again with the frame's own shape, and fits the centres of the best.
 struct MeasureSources<'a> {
     finder: &'a mut Finder,
     cells: &'a CellStatistics,
     bin: usize,
     /// What a star is taken for until the frame shows it.
     first: Shape,
+    /// Stars whose centres are fitted at once.
+    enough: usize,
     sources: &'a mut Vec<Source>,
 }
 
@@ -450,19 +491,67 @@ impl Kernel for MeasureSources<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let MeasureSources { finder, cells, bin, first, sources } = self;
+        let MeasureSources { finder, cells, bin, first, enough, sources } = self;
         let shape = finder.frame_shape(first);
         finder.psf_axes = shape.map(|s| s.axes()).map(|(a, b)| (f64::from(a) * bin as f64, f64::from(b) * bin as f64));
         let shape = shape.unwrap_or(first);
         // The gain of a mean of bin² pixels.
         let gain = (cells.gain.unwrap_or(USUAL_GAIN) / (bin * bin) as f64) as f32;
+        finder.optics = Optics { shape, gain, bin };
         let template = CoreTemplate::new(&shape);
         for candidate in &mut finder.candidates {
-            let patch = &finder.patches[candidate.patch];
             let on_ridge = candidate.standing.on_ridge;
+            let patch = &finder.patches[candidate.patch];
             candidate.standing = Standing { on_ridge, ..Standing::measure(patch, &template, candidate.sigma) };
-            sources.push(source_of(candidate, patch, &shape, gain, bin));
         }
+        // Stars first; among equals the surest first. A stable sort, so that the same frame gives the same order.
+        let is_whole = |c: &Candidate| c.is_star_like() && !c.saturated;
+        finder
+            .candidates
+            .sort_by(|a, b| is_whole(b).cmp(&is_whole(a)).then(b.standing.confidence.total_cmp(&a.standing.confidence)));
+        // The best whose centres can be fitted come first, those where that fails last.
+        let mut failed = Vec::new();
+        let mut rest = finder.candidates.drain(..).collect::<Vec<_>>().into_iter();
+        while sources.len() < enough
+            && let Some(candidate) = rest.next()
+        {
+            let source = source_of(&candidate, &finder.patches[candidate.patch], &finder.optics, true);
+            if source.star_like || !is_whole(&candidate) {
+                sources.push(source);
+                finder.candidates.push(candidate);
+            } else {
+                failed.push((source, candidate));
+            }
+        }
+        finder.fitted = sources.len();
+        for candidate in rest {
+            sources.push(source_of(&candidate, &finder.patches[candidate.patch], &finder.optics, false));
+            finder.candidates.push(candidate);
+        }
+        for (source, candidate) in failed {
+            sources.push(source);
+            finder.candidates.push(candidate);
+        }
+    }
+}
+
+/// Fits the centres that were left.
+struct FitTheRest<'a> {
+    finder: &'a Finder,
+    sources: &'a mut [Source],
+}
+
+impl Kernel for FitTheRest<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let FitTheRest { finder, sources } = self;
+        for (source, candidate) in sources.iter_mut().zip(&finder.candidates).skip(finder.fitted) {
+            *source = source_of(candidate, &finder.patches[candidate.patch], &finder.optics, true);
+        }
+        let first = finder.fitted.min(sources.len());
+        sources[first..].sort_by_key(|source| !source.star_like);
     }
 }
 
@@ -471,10 +560,11 @@ fn rules_cell(settings: &SourceSettings, scale: usize) -> usize {
     (settings.cell_px as usize >> scale).max(CELL_PX)
 }
 
-/// The source of a candidate: its centre where the fit finds one, else its peak with an error of half a sample.
+/// The source of a candidate: its centre where it is to be fitted and the fit finds one, else its peak with an error of half a sample.
 #[inline(always)]
-fn source_of(candidate: &Candidate, patch: &Patch, shape: &Shape, gain: f32, bin: usize) -> Source {
-    let fitted = centroid(patch, &candidate.standing, shape, candidate.sigma, gain);
+fn source_of(candidate: &Candidate, patch: &Patch, optics: &Optics, fit: bool) -> Source {
+    let &Optics { shape, gain, bin } = optics;
+    let fitted = if fit { centroid(patch, &candidate.standing, &shape, candidate.sigma, gain) } else { None };
     let (dx, dy, sigma, flux) = match fitted {
         Some(c) => (c.x, c.y, c.sigma, c.flux),
         None => (0.0, 0.0, 0.5, candidate.standing.flux),
@@ -491,6 +581,6 @@ fn source_of(candidate: &Candidate, patch: &Patch, shape: &Shape, gain: f32, bin
         confidence: f64::from(candidate.standing.confidence),
         peak: f64::from(patch.highest() - candidate.standing.base),
         saturated: candidate.saturated,
-        star_like: candidate.is_star_like() && fitted.is_some() && !candidate.saturated,
+        star_like: candidate.is_star_like() && !candidate.saturated && (fitted.is_some() || !fit),
     }
 }

@@ -222,14 +222,17 @@ impl Shape {
 fn exp_of_negative(x: f32) -> f32 {
     // Below, the result is less than any sample's noise; and 2^n stays a normal number.
     const LOWEST: f32 = -80.0;
+    /// Added to a number of moderate size, it leaves the nearest whole number in the last bits.
+    const ROUND: f32 = 12_582_912.0;
     let t = x.clamp(LOWEST, 0.0) * std::f32::consts::LOG2_E;
-    let n = (t - 0.5) as i32;
-    let f = t - n as f32;
-    // Taylor series of 2^f, |f| ≤ ½ and a little.
+    let rounded = t + ROUND;
+    let f = t - (rounded - ROUND);
+    // Taylor series of 2^f, |f| ≤ ½.
     let p = 1.0
         + f * (std::f32::consts::LN_2
             + f * (0.240_226_5 + f * (0.055_504_11 + f * (0.009_618_13 + f * (0.001_333_36 + f * 0.000_154_04)))));
-    p * f32::from_bits(((n + 127) as u32) << 23)
+    // No check of overflow, which would keep it from being done in vectors: what is shifted out at the top is ROUND's.
+    p * f32::from_bits(rounded.to_bits().wrapping_add(127) << 23)
 }
 
 /// The point spread function over a core, normalised to a sum of 1.
