@@ -288,13 +288,43 @@ pub fn scan_row(rows: [&[f32]; 3], y: usize, columns: usize, rules: &PeakRules<'
         if here[first..last].first_chunk().is_some_and(|block| !any_above(block, threshold)) {
             continue;
         }
-        for x in first.max(rules.border)..last.min(width.saturating_sub(rules.border)) {
-            let is_peak = here[x] > threshold && rows.iter().all(|row| row[x - 1..=x + 1].iter().all(|&d| d <= here[x]));
-            if is_peak && !(rules.masked)(x, y) {
+        // What lies on the picture's edge has no neighbours, and is no peak.
+        let (first, last) = (first.max(rules.border.max(1)), last.min(width.saturating_sub(rules.border.max(1))));
+        let mut peaks = summits(rows, first, last, threshold);
+        while peaks != 0 {
+            let x = first + peaks.trailing_zeros() as usize;
+            peaks &= peaks - 1;
+            if !(rules.masked)(x, y) {
                 insert(&mut cells[(y / rules.cell) * columns + x / rules.cell], Peak { x, y, height: here[x] }, rules.per_cell);
             }
         }
     }
+}
+
+/// Which samples of the middle row, of those from `first` to `last`, are above the threshold and no lower than their neighbours: bit 0
+/// for the first.
+#[inline(always)]
+fn summits(rows: [&[f32]; 3], first: usize, last: usize, threshold: f32) -> u32 {
+    let mut bits = 0;
+    if last == first + CELL_PX {
+        // A whole block: without a branch, so that it is done in vectors.
+        let [above, here, below] =
+            rows.map(|row| row[first - 1..].first_chunk::<{ CELL_PX + 2 }>().unwrap_or(&[f32::MAX; CELL_PX + 2]));
+        for i in 0..CELL_PX {
+            let at = here[i + 1];
+            let beside = (at >= here[i]) & (at >= here[i + 2]);
+            let over = (at >= above[i]) & (at >= above[i + 1]) & (at >= above[i + 2]);
+            let under = (at >= below[i]) & (at >= below[i + 1]) & (at >= below[i + 2]);
+            bits |= u32::from((at > threshold) & beside & over & under) << i;
+        }
+    } else {
+        for x in first..last {
+            let at = rows[1][x];
+            let is_peak = at > threshold && rows.iter().all(|row| row[x - 1..=x + 1].iter().all(|&d| d <= at));
+            bits |= u32::from(is_peak) << (x - first);
+        }
+    }
+    bits
 }
 
 /// One search, as a kernel.
