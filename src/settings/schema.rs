@@ -167,6 +167,8 @@ pub struct SolverSettings {
     pub mask: MaskSettings,
     /// Matching sources to stars.
     pub matching: MatchingSettings,
+    /// What earlier frames say of the next.
+    pub tracking: TrackingSettings,
     /// Fitting the attitude.
     pub fit: FitSettings,
     /// What a solution must satisfy.
@@ -225,6 +227,26 @@ pub struct MatchingSettings {
     pub max_false_probability_log10: f64,
     /// Candidate attitudes that may be screened for one frame.
     pub candidate_budget: u32,
+}
+
+/// Section `[solver.tracking]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrackingSettings {
+    /// Search near the last solution first.
+    pub enabled: bool,
+    /// Fewest matched sources of a solution found there.
+    pub min_matched: u32,
+    /// The last solution says nothing after this long, s.
+    pub max_age_s: f64,
+    /// Growth of one σ of the attitude where nobody says how the camera moves, deg/s.
+    pub drift_deg_s: f64,
+    /// One σ of what a flight computer says that the camera turned by, deg.
+    pub estimate_sigma_deg: f64,
+    /// Growth of it, deg/s.
+    pub estimate_drift_deg_s: f64,
+    /// One σ of the change of the plate scale from frame to frame, fraction.
+    pub platescale_sigma: f64,
 }
 
 /// Section `[solver.fit]`.

@@ -75,7 +75,9 @@ pub struct FitPrior {
     pub platescale: f64,
     /// σ of ln plate scale.
     pub sigma_ln_platescale: f64,
-    /// σ of k1 around zero.
+    /// k1.
+    pub k1: f64,
+    /// σ of k1.
     pub sigma_k1: f64,
 }
 
@@ -194,7 +196,7 @@ fn normal_equations(pairs: &[Pair], pose: &Pose, half_diagonal_px: f64, prior: &
     gradient[3] += scale_weight * (prior.platescale / s).ln();
     let k1_weight = 1.0 / prior.sigma_k1.powi(2);
     normal[(4, 4)] += k1_weight;
-    gradient[4] -= k1_weight * pose.k1;
+    gradient[4] += k1_weight * (prior.k1 - pose.k1);
     Some((normal, gradient, chi2))
 }
 
@@ -204,7 +206,7 @@ mod tests {
     use crate::sky::{ARCSEC, DEG, separation};
 
     const R: f64 = 923.0;
-    const PRIOR: FitPrior = FitPrior { platescale: 9.5 * ARCSEC, sigma_ln_platescale: 0.03, sigma_k1: 2e-3 };
+    const PRIOR: FitPrior = FitPrior { platescale: 9.5 * ARCSEC, sigma_ln_platescale: 0.03, k1: 0.0, sigma_k1: 2e-3 };
 
     /// Pairs as a camera of the given pose sees them, on a grid, moved by `noise(i)` px.
     fn pairs(truth: &Pose, sigma: f64, noise: impl Fn(usize) -> (f64, f64)) -> Vec<Pair> {

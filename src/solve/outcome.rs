@@ -1,5 +1,6 @@
 //! The outcome: what every frame ends in, solved or not, and what a solution is.
 
+use super::track::{AttitudePrior, LensPrior};
 use crate::image::Stamp;
 use crate::sky::{Attitude, Horizontal, Mat3, Observer, Vec3};
 use serde::Serialize;
@@ -83,6 +84,16 @@ pub enum SearchMode {
     Robust,
 }
 
+/// How a pattern was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FoundBy {
+    /// Near where it was expected.
+    Tracked,
+    /// Anywhere on the sky.
+    LostInSpace,
+}
+
 /// What is known of the pointing before a frame is solved.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Prior {
@@ -92,6 +103,10 @@ pub struct Prior {
     pub equatorial: Option<(f64, f64)>,
     /// The observer as the flight computer sent it, if fresh.
     pub observer: Option<Observer>,
+    /// The attitude as earlier frames let expect it; none where a frame is to be solved by itself.
+    pub attitude: Option<AttitudePrior>,
+    /// Plate scale and distortion as earlier frames have shown them.
+    pub lens: Option<LensPrior>,
 }
 
 /// Statistics of a whole frame.
@@ -215,6 +230,8 @@ pub struct Outcome {
     pub statistics: Option<Statistics>,
     /// How the sources were searched for.
     pub mode: SearchMode,
+    /// How the solution, or the candidate, was found.
+    pub found_by: Option<FoundBy>,
     /// Sources found, brightest first.
     pub sources: Vec<SourceReport>,
     /// How many of them patterns were made of.
@@ -245,6 +262,7 @@ impl Outcome {
             detail: detail.into(),
             statistics: None,
             mode: SearchMode::Normal,
+            found_by: None,
             sources: Vec::new(),
             sources_tried: 0,
             solution: None,

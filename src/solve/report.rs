@@ -3,7 +3,7 @@
 //! Degrees, arcseconds and milliseconds, with the unit in each name. A number that is not finite is null, so a line is JSON
 //! whatever happened. Every key is there in every line; what is not known is null.
 
-use super::{Cause, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, StageTimes, Statistics};
+use super::{AttitudePrior, Cause, FoundBy, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, StageTimes, Statistics};
 use crate::catalog::Catalogue;
 use crate::sky::{ARCSEC, ClockQuality, DEG, HOUR, Mat3, Observer, ra_dec};
 use serde::Serialize;
@@ -34,6 +34,8 @@ pub struct Report {
     pub detail: String,
     /// How sources were searched for.
     pub mode: SearchMode,
+    /// How the pointing was found: near where it was expected, or anywhere on the sky; null where not solved.
+    pub search: Option<FoundBy>,
     /// The pointing; its fields are null where not solved.
     #[serde(flatten)]
     pub pointing: PointingReport,
@@ -140,6 +142,20 @@ pub struct PriorReport {
     pub ra_deg: Option<f64>,
     pub dec_deg: Option<f64>,
     pub observer: Option<ObserverReport>,
+    pub attitude: Option<AttitudePriorReport>,
+    pub platescale_arcsec_px: Option<f64>,
+    pub sigma_platescale_arcsec_px: Option<f64>,
+}
+
+/// The attitude that was expected.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "the names are the meaning")]
+pub struct AttitudePriorReport {
+    pub ra_deg: Option<f64>,
+    pub dec_deg: Option<f64>,
+    pub roll_deg: Option<f64>,
+    pub sigma_deg: Option<f64>,
+    pub sigma_roll_deg: Option<f64>,
 }
 
 /// Statistics of a frame; all null where it was not looked at.
@@ -252,6 +268,7 @@ impl Report {
             cause: outcome.cause,
             detail: outcome.detail.clone(),
             mode: outcome.mode,
+            search: outcome.found_by.filter(|_| solution.is_some()),
             pointing: solution.map_or_else(PointingReport::default, PointingReport::new),
             matched: solution.map_or(0, |solution| solution.matches.len()),
             sources_found: outcome.sources.len(),
@@ -330,6 +347,22 @@ impl PriorReport {
             ra_deg: prior.equatorial.and_then(|(ra, _)| degrees(ra)),
             dec_deg: prior.equatorial.and_then(|(_, dec)| degrees(dec)),
             observer: prior.observer.as_ref().map(ObserverReport::new),
+            attitude: prior.attitude.as_ref().map(AttitudePriorReport::new),
+            platescale_arcsec_px: prior.lens.and_then(|lens| arcsec(lens.platescale)),
+            sigma_platescale_arcsec_px: prior.lens.and_then(|lens| arcsec(lens.platescale * lens.sigma_ln)),
+        }
+    }
+}
+
+impl AttitudePriorReport {
+    fn new(prior: &AttitudePrior) -> Self {
+        let (ra, dec, roll) = prior.attitude.angles();
+        Self {
+            ra_deg: degrees(ra),
+            dec_deg: degrees(dec),
+            roll_deg: degrees(roll),
+            sigma_deg: degrees(prior.sigma),
+            sigma_roll_deg: degrees(prior.sigma_roll),
         }
     }
 }
