@@ -259,6 +259,16 @@ pub struct FitSettings {
     pub centroid_floor_px: f64,
     /// Apply proper motion to the epoch of observation.
     pub proper_motion: bool,
+    /// Put the stars where they are seen from the moving Earth.
+    pub aberration: bool,
+    /// Give equatorial coordinates on the true equator and equinox of date.
+    pub precession: bool,
+    /// Give azimuth and elevation as seen through the air.
+    pub refraction: bool,
+    /// Pressure of that air at the observer, hPa.
+    pub pressure_hpa: f64,
+    /// Temperature of that air at the observer, °C.
+    pub temperature_c: f64,
 }
 
 /// Section `[solver.requirements]`: every one refuses by its name.

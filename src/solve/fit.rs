@@ -105,29 +105,34 @@ impl Fit {
     ///
     /// Inflated by χ² per degree of freedom where the residuals are larger than the σ of the sources explain.
     pub fn sky_covariance(&self) -> (Mat3, f64) {
-        let (_, dec, roll) = self.pose.attitude.angles();
-        let (sin, cos) = roll.sin_cos();
-        // Rotations (about left, up, boresight) move the boresight by (left, up) = (ω_up, −ω_left).
-        // Going east turns the local north under a picture that keeps its direction: tan δ of roll for each radian.
-        let east = [-sin, cos, 0.0];
-        let north = [-cos, -sin, 0.0];
-        let slope = dec.tan();
-        let jacobian = Mat3::new(
-            east[0],
-            east[1],
-            0.0, //
-            north[0],
-            north[1],
-            0.0, //
-            slope * east[0],
-            slope * east[1],
-            -1.0,
-        );
+        let jacobian = sky_jacobian(&self.pose.attitude);
         let rotation: Mat3 = self.covariance.fixed_view::<3, 3>(0, 0).into();
         let inflation = self.chi2_per_dof().max(1.0);
         let sky = jacobian * rotation * jacobian.transpose() * inflation;
         ((sky + sky.transpose()) * 0.5, (self.covariance[(3, 3)].max(0.0) * inflation).sqrt())
     }
+}
+
+/// How a turn of the camera, about left, up and boresight, moves the boresight east and north on the sky and changes the roll.
+pub fn sky_jacobian(attitude: &Attitude) -> Mat3 {
+    let (_, dec, roll) = attitude.angles();
+    let (sin, cos) = roll.sin_cos();
+    // Rotations (about left, up, boresight) move the boresight by (left, up) = (ω_up, −ω_left).
+    // Going east turns the local north under a picture that keeps its direction: tan δ of roll for each radian.
+    let east = [-sin, cos, 0.0];
+    let north = [-cos, -sin, 0.0];
+    let slope = dec.tan();
+    Mat3::new(
+        east[0],
+        east[1],
+        0.0, //
+        north[0],
+        north[1],
+        0.0, //
+        slope * east[0],
+        slope * east[1],
+        -1.0,
+    )
 }
 
 /// Weighted least squares by Gauss–Newton from a near start.

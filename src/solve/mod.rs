@@ -13,6 +13,7 @@ mod pattern;
 mod refine;
 mod report;
 mod requirements;
+mod served;
 mod solver;
 mod track;
 mod tracked;
@@ -28,6 +29,7 @@ pub use report::{
     AttitudePriorReport, CandidateReport, Correction, ObserverReport, PointingReport, PriorReport, Report, SourceEntry,
     StarEntry, StatisticsReport, TimesReport,
 };
+pub use served::Served;
 pub use solver::Solver;
 pub use track::{AttitudePrior, LensPrior, Region, Spread, Tracker};
 pub use verify::{Assigned, FrameGeometry, Hypothesis, PatternSource};

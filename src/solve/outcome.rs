@@ -1,5 +1,6 @@
 //! The outcome: what every frame ends in, solved or not, and what a solution is.
 
+use super::served::Served;
 use super::track::{AttitudePrior, LensPrior};
 use crate::image::Stamp;
 use crate::sky::{Attitude, Horizontal, Mat3, Observer, Vec3};
@@ -183,6 +184,8 @@ pub struct Solution {
     pub horizontal: Option<HorizontalSolution>,
     /// Epoch that the stars were moved to, Julian year; `None` where proper motion was not applied.
     pub epoch_yr: Option<f64>,
+    /// The same pointing with aberration, or on axes of date, where that was asked for; the fields above have neither.
+    pub served: Option<Served>,
 }
 
 /// A pointing against the horizon.
@@ -196,6 +199,8 @@ pub struct HorizontalSolution {
     pub observer: Observer,
     /// Epoch of the equinox that azimuth and elevation refer to; `None` for ICRS axes.
     pub equinox_yr: Option<f64>,
+    /// Whether azimuth and elevation are those seen through the air.
+    pub refracted: bool,
 }
 
 /// CPU or wall time of each stage, as the caller's watch tells it.
@@ -277,9 +282,19 @@ impl Outcome {
 }
 
 impl Solution {
-    /// One σ east, north and in roll, rad.
+    /// The attitude as it is served: on the axes and with the corrections that were asked for.
+    pub fn served_attitude(&self) -> &Attitude {
+        self.served.as_ref().map_or(&self.attitude, |served| &served.attitude)
+    }
+
+    /// The covariance of what is served, on its axes.
+    pub fn served_covariance(&self) -> &Mat3 {
+        self.served.as_ref().map_or(&self.covariance, |served| &served.covariance)
+    }
+
+    /// One σ east, north and in roll, rad, as it is served.
     pub fn sigmas(&self) -> Vec3 {
-        self.covariance.diagonal().map(|variance| variance.max(0.0).sqrt())
+        self.served_covariance().diagonal().map(|variance| variance.max(0.0).sqrt())
     }
 }
 

@@ -68,9 +68,9 @@ pub struct Report {
 /// A pointing in degrees and arcseconds.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct PointingReport {
-    /// Right ascension of the boresight, ICRS.
+    /// Right ascension of the boresight, ICRS, or of date where `equatorial_equinox_yr` says so.
     pub ra_deg: Option<f64>,
-    /// Declination of the boresight, ICRS.
+    /// Declination of the boresight, as right ascension.
     pub dec_deg: Option<f64>,
     /// Position angle of the picture's up direction, from North through East.
     pub roll_deg: Option<f64>,
@@ -106,6 +106,8 @@ pub struct PointingReport {
     pub false_probability_log10: Option<f64>,
     /// Epoch that the stars were moved to, Julian year.
     pub epoch_yr: Option<f64>,
+    /// Epoch of the equator and equinox of right ascension, declination and roll, Julian year; null for ICRS.
+    pub equatorial_equinox_yr: Option<f64>,
     /// Epoch of the equinox of azimuth and elevation, Julian year; null for ICRS axes.
     pub equinox_yr: Option<f64>,
     /// The observer that azimuth and elevation were computed for.
@@ -289,7 +291,7 @@ impl Report {
 impl PointingReport {
     /// A pointing in the units of the outside.
     pub fn new(solution: &Solution) -> Self {
-        let (ra, dec, roll) = solution.attitude.angles();
+        let (ra, dec, roll) = solution.served_attitude().angles();
         let sigmas = solution.sigmas();
         let horizontal = solution.horizontal.as_ref();
         Self {
@@ -299,7 +301,7 @@ impl PointingReport {
             az_deg: horizontal.and_then(|h| degrees(h.pointing.azimuth)),
             el_deg: horizontal.and_then(|h| degrees(h.pointing.elevation)),
             horizontal_roll_deg: horizontal.and_then(|h| degrees(h.pointing.roll)),
-            platescale_arcsec_px: arcsec(solution.platescale),
+            platescale_arcsec_px: arcsec(solution.served.map_or(solution.platescale, |served| served.platescale)),
             sigma_platescale_arcsec_px: arcsec(solution.sigma_platescale),
             distortion_k1: finite(solution.k1),
             sigma_east_arcsec: arcsec(sigmas.x),
@@ -307,11 +309,12 @@ impl PointingReport {
             sigma_roll_arcsec: arcsec(sigmas.z),
             sigma_az_arcsec: horizontal.and_then(|h| arcsec(h.sigma.0)),
             sigma_el_arcsec: horizontal.and_then(|h| arcsec(h.sigma.1)),
-            covariance_arcsec2: covariance_arcsec2(&solution.covariance),
+            covariance_arcsec2: covariance_arcsec2(solution.served_covariance()),
             rms_px: finite(solution.rms_px),
             chi2_per_dof: finite(solution.chi2_per_dof),
             false_probability_log10: finite(solution.false_probability_log10),
             epoch_yr: solution.epoch_yr.and_then(finite),
+            equatorial_equinox_yr: solution.served.and_then(|served| served.equinox_yr).and_then(finite),
             equinox_yr: horizontal.and_then(|h| h.equinox_yr).and_then(finite),
             observer: horizontal.map(|h| ObserverReport::new(&h.observer)),
         }
@@ -426,12 +429,15 @@ fn source_entry(id: usize, source: &SourceReport) -> SourceEntry {
     }
 }
 
-/// The corrections that are in a solution's numbers. Nothing applies aberration or refraction so far.
+/// The corrections that are in a solution's numbers.
 fn corrections_of(solution: &Solution) -> Vec<Correction> {
-    let precessed = solution.horizontal.is_some_and(|h| h.equinox_yr.is_some());
+    let of_date = solution.served.is_some_and(|served| served.equinox_yr.is_some());
+    let precessed = of_date || solution.horizontal.is_some_and(|h| h.equinox_yr.is_some());
     [
         (solution.epoch_yr.is_some(), Correction::ProperMotion),
+        (solution.served.is_some_and(|served| served.aberration), Correction::Aberration),
         (precessed, Correction::Precession),
+        (solution.horizontal.is_some_and(|h| h.refracted), Correction::Refraction),
         (solution.k1 != 0.0, Correction::Distortion),
     ]
     .into_iter()
@@ -528,8 +534,10 @@ mod tests {
                 sigma: (ARCSEC, ARCSEC),
                 observer: Observer { latitude: -77.0 * DEG, sidereal_time: 12.0 * HOUR },
                 equinox_yr: Some(2013.0),
+                refracted: false,
             }),
             epoch_yr: Some(2013.0),
+            served: None,
         };
         Outcome {
             sources: vec![source, source],

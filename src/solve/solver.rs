@@ -4,15 +4,14 @@ use super::light::{LightFit, fit_by_light};
 use super::pattern::{PatternSearch, SearchEnd, SearchRules, SearchTally};
 use super::refine::{refine, solution_of};
 use super::requirements::{self, Circle};
+use super::served::{horizontal, served};
 use super::track::Region;
 use super::verify::{FrameGeometry, Hypothesis, PatternSource};
-use super::{
-    Cause, FoundBy, HorizontalSolution, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, Statistics, Stop, Watch,
-};
+use super::{Cause, FoundBy, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, Statistics, Stop, Watch};
 use crate::catalog::{Catalogue, Field, FieldKey};
 use crate::image::{CellStatistics, Frame, Mask, auto_level};
 use crate::settings::Settings;
-use crate::sky::{CameraModel, DEG, HOUR, Mat3, Observer, RowOrder, Vec3, horizontal_of};
+use crate::sky::{CameraModel, DEG, HOUR, Mat3, Observer, RowOrder, Vec3};
 use crate::sources::{Finder, Look, SearchKernel, Source};
 use std::sync::Arc;
 
@@ -60,14 +59,14 @@ impl Search<'_> {
 /// Everything about a frame that the stages after the search need.
 #[derive(Clone)]
 pub(super) struct Context<'a> {
-    frame: &'a Frame,
+    pub frame: &'a Frame,
     pub watch: &'a dyn Watch,
     pub field: &'a Field,
     pub geometry: FrameGeometry,
     pub camera: CameraModel,
-    observer: Option<Observer>,
+    pub observer: Option<Observer>,
     /// Epoch of observation, where known, Julian year.
-    year: Option<f64>,
+    pub year: Option<f64>,
     circles: Vec<Circle>,
     /// The attitudes that are expected, where frames are tracked and there is something to expect.
     pub region: Option<Region>,
@@ -381,7 +380,8 @@ impl Solver {
             outcome.detail = "the final fit of a verified pattern did not settle".into();
             return;
         };
-        solution.horizontal = horizontal(context, &solution);
+        solution.horizontal = horizontal(context, &solution, &self.settings.solver.fit);
+        solution.served = served(context, &solution, &self.settings.solver.fit);
         let boresight = solution.attitude.boresight();
         if let Some(circle) = context.circles.iter().find(|c| !c.contains(&boresight)) {
             let distance = crate::sky::separation(&circle.centre, &boresight);
@@ -518,23 +518,4 @@ fn report(source: &Source) -> SourceReport {
 pub(super) fn pattern_source(source: &Source, camera: &CameraModel) -> PatternSource {
     let (left, up) = camera.offsets(source.x, source.y);
     PatternSource::new(left, up, source.sigma, source.flux, camera.platescale)
-}
-
-/// The solution against the horizon, where the observer is known.
-fn horizontal(context: &Context<'_>, solution: &Solution) -> Option<HorizontalSolution> {
-    let observer = context.observer?;
-    let pointing = horizontal_of(&solution.attitude, &observer, context.year);
-    // The horizontal axes at the boresight are the equatorial ones turned by the difference of the two rolls.
-    let (_, _, roll) = solution.attitude.angles();
-    let (sin, cos) = (roll + pointing.roll).sin_cos();
-    let c = &solution.covariance;
-    let (east, north, both) = (c[(0, 0)], c[(1, 1)], c[(0, 1)]);
-    let along = cos * cos * east + sin * sin * north - 2.0 * sin * cos * both;
-    let upward = sin * sin * east + cos * cos * north + 2.0 * sin * cos * both;
-    Some(HorizontalSolution {
-        pointing,
-        sigma: (along.max(0.0).sqrt(), upward.max(0.0).sqrt()),
-        observer,
-        equinox_yr: context.year,
-    })
 }

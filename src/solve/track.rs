@@ -218,6 +218,7 @@ mod tests {
             false_probability_log10: -20.0,
             horizontal: None,
             epoch_yr: None,
+            served: None,
         };
         let found_by = Some(FoundBy::LostInSpace);
         Outcome { solution: Some(solution), prior, found_by, ..Outcome::unsolved(Stamp::default(), Reason::Solved, "") }
