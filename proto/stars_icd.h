@@ -340,8 +340,8 @@ typedef struct STARS_PACKED {
     uint8_t solve_time_ms_known; /* Whether `solve_time_ms` is known. */
     double solve_time_ms; /* From pixels in memory to the outcome. [ms] */
     uint8_t equatorial_known; /* Whether the fields that need it are known. The pointing, where solved. */
-    double ra_deg; /* Right ascension of the boresight, ICRS. [deg] */
-    double dec_deg; /* Declination of the boresight, ICRS. [deg] */
+    double ra_deg; /* Right ascension of the boresight, ICRS; of date where the camera's `solver.fit.precession` is switched on. [deg] */
+    double dec_deg; /* Declination of the boresight, as right ascension. [deg] */
     double roll_deg; /* Position angle of the image's up direction, from North through East. [deg] */
     double sigma_east_arcsec; /* One standard deviation towards East, on the sky. [arcsec] */
     double sigma_north_arcsec; /* One standard deviation towards North. [arcsec] */

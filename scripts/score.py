@@ -2,7 +2,7 @@
 """Scores the answers of `stars solve --json` against the truth. Standard library only.
 
     score.py flight|esa TRUTH.json ANSWERS.jsonl
-    score.py speed|refusal|lists BENCH.txt
+    score.py speed|refusal|lists|tracking BENCH.txt
     score.py rendered|nostars|mirrored|measured|peers|errors|scale DIRECTORY
 
 A DIRECTORY holds `*.truth.json`, as `stars render` writes them, and answers in `*.jsonl`; the image's name joins the two.
@@ -378,6 +378,32 @@ def score_refusal(verdict, bench_file):
     verdict("none solved", f"{solved} solved", solved == "0")
 
 
+def score_tracking(verdict, bench_file):
+    """What a prior is worth, from what `cargo bench --bench tracking` printed."""
+    text = Path(bench_file).read_text()
+    print(text.strip())
+    solved, wrong, match_ms = {}, 0, {}
+    for line in text.splitlines():
+        name, words = line[:26].strip(), line[26:].split()
+        if "/" in words and words[0] != "right":
+            solved[name] = float(words[0])
+            wrong += int(words[-1])
+        elif words.count("ms") == 3:
+            match_ms[name] = float(words[0])
+            wrong += int(words[-1])
+        elif line.startswith("bound"):
+            bound, share = 10.0 ** int(line.split("^")[1].split(":")[0]), float(line.split()[-1])
+            verdict(f"share of lists without a star below the bound {bound:g}, at most that", f"{share:.1e}", share <= bound)
+    alone, told = solved.get("lost in space", math.nan), solved.get("attitude and plate scale", math.nan)
+    verdict("faint frames solved with a good prior, at least 75 %", f"{told:.1f} % ({alone:.1f} % without)", told >= 75 > alone)
+    for name in ("wrong by degrees", "wrong roll"):
+        got = solved.get(name, math.nan)
+        verdict(f"solved with a prior {name}, no fewer than without", f"{got:.1f} %", got >= alone)
+    verdict("wrong ones with right, wrong and mirrored priors: 0", f"{wrong}", wrong == 0 and len(solved) == 6)
+    alone, told = match_ms.get("lost in space", math.nan), match_ms.get("attitude and plate scale", math.nan)
+    verdict("match of float frames with a prior, no slower than without", f"{told:.3f} ms, {alone:.3f} ms", told <= 1.1 * alone)
+
+
 def score_lists(verdict, bench_file):
     """Lists of sources, from what `cargo bench --bench lists` printed."""
     text = Path(bench_file).read_text()
@@ -458,6 +484,8 @@ def main(arguments):
             score_refusal(verdict, bench)
         case ["lists", bench]:
             score_lists(verdict, bench)
+        case ["tracking", bench]:
+            score_tracking(verdict, bench)
         case ["peers", directory]:
             score_peers(verdict, directory)
         case ["errors", directory]:

@@ -212,6 +212,7 @@ fn each_kind_shows_about_as_many_stars_as_it_should() {
         (Kind::Sparse, 3, 50),
         (Kind::Dense, 11, 280),
         (Kind::Saturated, 0, 170),
+        (Kind::Faint, 3, 6),
     ];
     for (kind, least, most) in expected {
         for index in 0..2 {

@@ -114,7 +114,7 @@ fn caption(outcome: &Outcome) -> Vec<String> {
     let Some(solution) = &outcome.solution else {
         return vec![format!("NOT SOLVED: {}", reason(outcome)), outcome.detail.clone(), format!("{found} sources   {image}")];
     };
-    let (ra, dec, roll) = solution.attitude.angles();
+    let (ra, dec, roll) = solution.served_attitude().angles();
     let sigmas = solution.sigmas() / ARCSEC;
     vec![
         format!("RA {:.5}° = {}   Dec {:+.5}° = {}", ra / DEG, hms(ra), dec / DEG, dms(dec)),
@@ -250,6 +250,7 @@ mod tests {
             false_probability_log10: -9.0,
             horizontal: None,
             epoch_yr: None,
+            served: None,
         };
         Outcome {
             sources: vec![source(50.0, 30.0), source(150.0, 60.0), source(-1e9, f64::NAN)],

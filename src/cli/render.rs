@@ -23,7 +23,7 @@ use std::thread;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  stars render --kind float --count 20 --seed 7 --out frames\n  \
     stars render --kind night --custom custom.toml --out frames     as that camera would see it\n\n\
-    Kinds: night float gradient defocus defocus30 motion multiexp hotpix sparse dense saturated nostars blank")]
+    Kinds: night float gradient defocus defocus30 motion multiexp hotpix sparse dense saturated nostars blank faint")]
 pub struct Args {
     /// Kind of frame
     #[arg(long)]

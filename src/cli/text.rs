@@ -27,7 +27,7 @@ pub fn reason(outcome: &Outcome) -> String {
 }
 
 fn solved(outcome: &Outcome, solution: &Solution) -> Vec<String> {
-    let (ra, dec, roll) = solution.attitude.angles();
+    let (ra, dec, roll) = solution.served_attitude().angles();
     let sigmas = solution.sigmas() / ARCSEC;
     let epoch = solution.epoch_yr.map_or_else(String::new, |epoch| format!(", stars at {epoch:.1}"));
     let mut lines = vec![

@@ -198,6 +198,7 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
         inbox: solver_inbox,
         hub: hub.clone(),
         make: parts.solver,
+        tracking: settings.solver.tracking.clone(),
         timeout: Duration::from_secs_f64(settings.solver.timeout_s),
         stop: solving.stop.clone(),
     };

@@ -9,7 +9,8 @@ use super::inbox::Inbox;
 use super::state::{Finished, Readiness};
 use super::supervisor::{Ended, panic_message};
 use crate::image::Frame;
-use crate::solve::{Outcome, Prior, Reason, Report, Stop, Watch};
+use crate::settings::TrackingSettings;
+use crate::solve::{Outcome, Prior, Reason, Report, Stop, Tracker, Watch};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc;
@@ -54,6 +55,8 @@ pub struct SolverActor {
     pub hub: hub::Handle,
     /// Makes a solver.
     pub make: MakeSolver,
+    /// How frames are tracked.
+    pub tracking: TrackingSettings,
     /// A frame older than this is given up.
     pub timeout: Duration,
     /// When to end; the frame that is being solved ends as `aborted`.
@@ -79,13 +82,17 @@ impl SolverActor {
     /// Runs until stopped.
     pub async fn run(self) -> Result<(), Ended> {
         let mut inbox = self.inbox.open().await;
+        // What this actor's own frames have shown: one that is started again begins lost in space.
+        let (mut tracker, first) = (Tracker::default(), Instant::now());
         let mut job = Some(self.start(None, None));
         let mut solver = None;
         let mut waiting: Option<Captured> = None;
         loop {
             if job.is_none()
-                && let Some(captured) = waiting.take()
+                && let Some(mut captured) = waiting.take()
             {
+                let at = captured.at.saturating_duration_since(first);
+                captured.prior = tracker.prior(at, captured.prior, &self.tracking);
                 self.hub.tell(ToHub::Solving(Some(captured.frame.stamp.image))).await;
                 job = Some(self.start(solver.take(), Some(captured)));
             }
@@ -93,6 +100,10 @@ impl SolverActor {
                 biased;
                 ended = finish(&mut job), if job.is_some() => {
                     job = None;
+                    if let Some((_, Ok(Done { finished: Some(finished), .. }))) = &ended {
+                        let at = finished.captured.saturating_duration_since(first);
+                        tracker.learn(at, &finished.outcome, &self.tracking);
+                    }
                     solver = self.settle(ended).await;
                 }
                 // A frame that is being solved is waited for; a solver that is being made is not.

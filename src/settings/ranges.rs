@@ -54,8 +54,20 @@ const U32_MAX: i64 = u32::MAX as i64;
 const PATH_BYTES: usize = 4096;
 const CAMERAS: &[&str] = &["directory", "sky", "aravis", "none"];
 const LENSES: &[&str] = &["serial", "simulated", "none"];
-const FRAMES: &[&str] =
-    &["night", "float", "gradient", "defocus", "defocus30", "motion", "multiexp", "hotpix", "sparse", "dense", "saturated"];
+const FRAMES: &[&str] = &[
+    "night",
+    "float",
+    "gradient",
+    "defocus",
+    "defocus30",
+    "motion",
+    "multiexp",
+    "hotpix",
+    "sparse",
+    "dense",
+    "saturated",
+    "faint",
+];
 
 const fn switch(key: &'static str) -> Rule {
     Rule { key, unit: "", kind: Kind::Switch }
@@ -124,9 +136,21 @@ pub(super) const RULES: &[Rule] = &[
     whole("solver.matching.min_matched", "sources", 3, 100),
     number("solver.matching.max_false_probability_log10", "log10", -100.0, -1.0),
     whole("solver.matching.candidate_budget", "candidates", 1, 1_000_000_000),
+    switch("solver.tracking.enabled"),
+    whole("solver.tracking.min_matched", "sources", 3, 100),
+    number("solver.tracking.max_age_s", "s", 0.1, 86_400.0),
+    number("solver.tracking.drift_deg_s", "deg/s", 0.00001, 10.0),
+    number("solver.tracking.estimate_sigma_deg", "deg", 0.0001, 90.0),
+    number("solver.tracking.estimate_drift_deg_s", "deg/s", 0.0, 10.0),
+    number("solver.tracking.platescale_sigma", "fraction", 0.00001, 0.1),
     number("solver.fit.distortion_sigma", "fraction at half the diagonal", 0.0, 0.1),
     number("solver.fit.centroid_floor_px", "px", 0.0, 10.0),
     switch("solver.fit.proper_motion"),
+    switch("solver.fit.aberration"),
+    switch("solver.fit.precession"),
+    switch("solver.fit.refraction"),
+    number("solver.fit.pressure_hpa", "hPa", 0.0, 1100.0),
+    number("solver.fit.temperature_c", "°C", -150.0, 60.0),
     number("solver.requirements.pointing_error_max_arcsec", "arcsec", 0.001, 360_000.0),
     number("solver.requirements.fit_error_max_px", "px", 0.001, 100_000.0),
     switch("solver.requirements.horizontal_location.enabled"),

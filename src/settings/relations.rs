@@ -12,6 +12,7 @@ const ORDERED: &[(&str, &str, bool)] = &[
     ("solver.sources.max_sources", "solver.sources.max_found", true),
     ("solver.matching.platescale_min_arcsec_px", "solver.matching.platescale_max_arcsec_px", false),
     ("solver.matching.min_matched", "solver.sources.max_found", true),
+    ("solver.tracking.min_matched", "solver.matching.min_matched", true),
     ("solver.requirements.elevation.min_deg", "solver.requirements.elevation.max_deg", false),
     ("network.update_period_s", "network.silence_s", false),
     ("service.restart_delay_s", "service.restart_delay_max_s", true),

@@ -167,6 +167,8 @@ pub struct SolverSettings {
     pub mask: MaskSettings,
     /// Matching sources to stars.
     pub matching: MatchingSettings,
+    /// What earlier frames say of the next.
+    pub tracking: TrackingSettings,
     /// Fitting the attitude.
     pub fit: FitSettings,
     /// What a solution must satisfy.
@@ -227,6 +229,26 @@ pub struct MatchingSettings {
     pub candidate_budget: u32,
 }
 
+/// Section `[solver.tracking]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrackingSettings {
+    /// Search near the last solution first.
+    pub enabled: bool,
+    /// Fewest matched sources of a solution found there.
+    pub min_matched: u32,
+    /// The last solution says nothing after this long, s.
+    pub max_age_s: f64,
+    /// Growth of one σ of the attitude where nobody says how the camera moves, deg/s.
+    pub drift_deg_s: f64,
+    /// One σ of what a flight computer says that the camera turned by, deg.
+    pub estimate_sigma_deg: f64,
+    /// Growth of it, deg/s.
+    pub estimate_drift_deg_s: f64,
+    /// One σ of the change of the plate scale from frame to frame, fraction.
+    pub platescale_sigma: f64,
+}
+
 /// Section `[solver.fit]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -237,6 +259,16 @@ pub struct FitSettings {
     pub centroid_floor_px: f64,
     /// Apply proper motion to the epoch of observation.
     pub proper_motion: bool,
+    /// Put the stars where they are seen from the moving Earth.
+    pub aberration: bool,
+    /// Give equatorial coordinates on the true equator and equinox of date.
+    pub precession: bool,
+    /// Give azimuth and elevation as seen through the air.
+    pub refraction: bool,
+    /// Pressure of that air at the observer, hPa.
+    pub pressure_hpa: f64,
+    /// Temperature of that air at the observer, °C.
+    pub temperature_c: f64,
 }
 
 /// Section `[solver.requirements]`: every one refuses by its name.

@@ -1,6 +1,6 @@
 //! The sky room: angles, directions, the attitude of the camera, how it projects, times and horizontal coordinates.
 //!
-//! Uses only nalgebra. Inside, everything is radians and unit vectors in ICRS; conventions are written once, here:
+//! Uses only nalgebra, and sofars behind a fence (`apparent`). Inside, everything is radians and unit vectors in ICRS; conventions are written once, here:
 //!
 //! * pixels: x = column, y = row in file order, 0-based, centres at integers; the boresight is ((W−1)/2, (H−1)/2);
 //! * the camera frame has the axes *left*, *up*, *boresight* of the picture seen with its up direction on top, so that
@@ -8,6 +8,7 @@
 //! * roll is the position angle of up, from North through East, in (−π, π].
 
 mod angle;
+mod apparent;
 mod attitude;
 mod camera;
 mod horizontal;
@@ -15,6 +16,7 @@ mod time;
 mod vectors;
 
 pub use angle::{ARCSEC, DEG, HOUR, direction, ra_dec, separation, wrap_pi, wrap_two_pi};
+pub use apparent::{Aberration, Refraction, to_equinox_of};
 pub use attitude::Attitude;
 pub use camera::{CameraModel, RowOrder};
 pub use horizontal::{Horizontal, Observer, horizontal_of, precess_from_j2000};

@@ -75,7 +75,9 @@ pub struct FitPrior {
     pub platescale: f64,
     /// σ of ln plate scale.
     pub sigma_ln_platescale: f64,
-    /// σ of k1 around zero.
+    /// k1.
+    pub k1: f64,
+    /// σ of k1.
     pub sigma_k1: f64,
 }
 
@@ -103,29 +105,34 @@ impl Fit {
     ///
     /// Inflated by χ² per degree of freedom where the residuals are larger than the σ of the sources explain.
     pub fn sky_covariance(&self) -> (Mat3, f64) {
-        let (_, dec, roll) = self.pose.attitude.angles();
-        let (sin, cos) = roll.sin_cos();
-        // Rotations (about left, up, boresight) move the boresight by (left, up) = (ω_up, −ω_left).
-        // Going east turns the local north under a picture that keeps its direction: tan δ of roll for each radian.
-        let east = [-sin, cos, 0.0];
-        let north = [-cos, -sin, 0.0];
-        let slope = dec.tan();
-        let jacobian = Mat3::new(
-            east[0],
-            east[1],
-            0.0, //
-            north[0],
-            north[1],
-            0.0, //
-            slope * east[0],
-            slope * east[1],
-            -1.0,
-        );
+        let jacobian = sky_jacobian(&self.pose.attitude);
         let rotation: Mat3 = self.covariance.fixed_view::<3, 3>(0, 0).into();
         let inflation = self.chi2_per_dof().max(1.0);
         let sky = jacobian * rotation * jacobian.transpose() * inflation;
         ((sky + sky.transpose()) * 0.5, (self.covariance[(3, 3)].max(0.0) * inflation).sqrt())
     }
+}
+
+/// How a turn of the camera, about left, up and boresight, moves the boresight east and north on the sky and changes the roll.
+pub fn sky_jacobian(attitude: &Attitude) -> Mat3 {
+    let (_, dec, roll) = attitude.angles();
+    let (sin, cos) = roll.sin_cos();
+    // Rotations (about left, up, boresight) move the boresight by (left, up) = (ω_up, −ω_left).
+    // Going east turns the local north under a picture that keeps its direction: tan δ of roll for each radian.
+    let east = [-sin, cos, 0.0];
+    let north = [-cos, -sin, 0.0];
+    let slope = dec.tan();
+    Mat3::new(
+        east[0],
+        east[1],
+        0.0, //
+        north[0],
+        north[1],
+        0.0, //
+        slope * east[0],
+        slope * east[1],
+        -1.0,
+    )
 }
 
 /// Weighted least squares by Gauss–Newton from a near start.
@@ -194,7 +201,7 @@ fn normal_equations(pairs: &[Pair], pose: &Pose, half_diagonal_px: f64, prior: &
     gradient[3] += scale_weight * (prior.platescale / s).ln();
     let k1_weight = 1.0 / prior.sigma_k1.powi(2);
     normal[(4, 4)] += k1_weight;
-    gradient[4] -= k1_weight * pose.k1;
+    gradient[4] += k1_weight * (prior.k1 - pose.k1);
     Some((normal, gradient, chi2))
 }
 
@@ -204,7 +211,7 @@ mod tests {
     use crate::sky::{ARCSEC, DEG, separation};
 
     const R: f64 = 923.0;
-    const PRIOR: FitPrior = FitPrior { platescale: 9.5 * ARCSEC, sigma_ln_platescale: 0.03, sigma_k1: 2e-3 };
+    const PRIOR: FitPrior = FitPrior { platescale: 9.5 * ARCSEC, sigma_ln_platescale: 0.03, k1: 0.0, sigma_k1: 2e-3 };
 
     /// Pairs as a camera of the given pose sees them, on a grid, moved by `noise(i)` px.
     fn pairs(truth: &Pose, sigma: f64, noise: impl Fn(usize) -> (f64, f64)) -> Vec<Pair> {

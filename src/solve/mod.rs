@@ -7,24 +7,31 @@
 
 mod fit;
 mod light;
+mod near;
 mod outcome;
 mod pattern;
 mod refine;
 mod report;
 mod requirements;
+mod served;
 mod solver;
+mod track;
+mod tracked;
 mod verify;
 
 pub use fit::{FitPrior, Pose};
+pub use near::{NearRules, NearSearch};
 pub use outcome::{
-    Cause, HorizontalSolution, Match, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, StageTimes, Statistics,
+    Cause, FoundBy, HorizontalSolution, Match, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, StageTimes, Statistics,
 };
 pub use pattern::{Allows, MAX_SOURCES, PatternSearch, SearchEnd, SearchRules, SearchTally};
 pub use report::{
-    CandidateReport, Correction, ObserverReport, PointingReport, PriorReport, Report, SourceEntry, StarEntry, StatisticsReport,
-    TimesReport,
+    AttitudePriorReport, CandidateReport, Correction, ObserverReport, PointingReport, PriorReport, Report, SourceEntry,
+    StarEntry, StatisticsReport, TimesReport,
 };
+pub use served::Served;
 pub use solver::Solver;
+pub use track::{AttitudePrior, LensPrior, Region, Spread, Tracker};
 pub use verify::{Assigned, FrameGeometry, Hypothesis, PatternSource};
 
 use std::time::Duration;

@@ -1,5 +1,7 @@
 //! The outcome: what every frame ends in, solved or not, and what a solution is.
 
+use super::served::Served;
+use super::track::{AttitudePrior, LensPrior};
 use crate::image::Stamp;
 use crate::sky::{Attitude, Horizontal, Mat3, Observer, Vec3};
 use serde::Serialize;
@@ -83,6 +85,16 @@ pub enum SearchMode {
     Robust,
 }
 
+/// How a pattern was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FoundBy {
+    /// Near where it was expected.
+    Tracked,
+    /// Anywhere on the sky.
+    LostInSpace,
+}
+
 /// What is known of the pointing before a frame is solved.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Prior {
@@ -92,6 +104,10 @@ pub struct Prior {
     pub equatorial: Option<(f64, f64)>,
     /// The observer as the flight computer sent it, if fresh.
     pub observer: Option<Observer>,
+    /// The attitude as earlier frames let expect it; none where a frame is to be solved by itself.
+    pub attitude: Option<AttitudePrior>,
+    /// Plate scale and distortion as earlier frames have shown them.
+    pub lens: Option<LensPrior>,
 }
 
 /// Statistics of a whole frame.
@@ -168,6 +184,8 @@ pub struct Solution {
     pub horizontal: Option<HorizontalSolution>,
     /// Epoch that the stars were moved to, Julian year; `None` where proper motion was not applied.
     pub epoch_yr: Option<f64>,
+    /// The same pointing with aberration, or on axes of date, where that was asked for; the fields above have neither.
+    pub served: Option<Served>,
 }
 
 /// A pointing against the horizon.
@@ -181,6 +199,8 @@ pub struct HorizontalSolution {
     pub observer: Observer,
     /// Epoch of the equinox that azimuth and elevation refer to; `None` for ICRS axes.
     pub equinox_yr: Option<f64>,
+    /// Whether azimuth and elevation are those seen through the air.
+    pub refracted: bool,
 }
 
 /// CPU or wall time of each stage, as the caller's watch tells it.
@@ -215,6 +235,8 @@ pub struct Outcome {
     pub statistics: Option<Statistics>,
     /// How the sources were searched for.
     pub mode: SearchMode,
+    /// How the solution, or the candidate, was found.
+    pub found_by: Option<FoundBy>,
     /// Sources found, brightest first.
     pub sources: Vec<SourceReport>,
     /// How many of them patterns were made of.
@@ -245,6 +267,7 @@ impl Outcome {
             detail: detail.into(),
             statistics: None,
             mode: SearchMode::Normal,
+            found_by: None,
             sources: Vec::new(),
             sources_tried: 0,
             solution: None,
@@ -259,9 +282,19 @@ impl Outcome {
 }
 
 impl Solution {
-    /// One σ east, north and in roll, rad.
+    /// The attitude as it is served: on the axes and with the corrections that were asked for.
+    pub fn served_attitude(&self) -> &Attitude {
+        self.served.as_ref().map_or(&self.attitude, |served| &served.attitude)
+    }
+
+    /// The covariance of what is served, on its axes.
+    pub fn served_covariance(&self) -> &Mat3 {
+        self.served.as_ref().map_or(&self.covariance, |served| &served.covariance)
+    }
+
+    /// One σ east, north and in roll, rad, as it is served.
     pub fn sigmas(&self) -> Vec3 {
-        self.covariance.diagonal().map(|variance| variance.max(0.0).sqrt())
+        self.served_covariance().diagonal().map(|variance| variance.max(0.0).sqrt())
     }
 }
 

@@ -184,7 +184,7 @@ impl<'a> PatternSearch<'a> {
 
     /// Lengths on the sky that a length at the middle plate scale may be.
     fn length_range(&self, length: f64, slack: f64) -> (f64, f64) {
-        let (low, high) = self.field.platescale_range;
+        let (low, high) = self.geometry.platescale_range;
         let middle = self.field.geometry.platescale;
         ((length * low / middle - slack).max(0.0), length * high / middle + slack)
     }

@@ -3,7 +3,7 @@
 //! Degrees, arcseconds and milliseconds, with the unit in each name. A number that is not finite is null, so a line is JSON
 //! whatever happened. Every key is there in every line; what is not known is null.
 
-use super::{Cause, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, StageTimes, Statistics};
+use super::{AttitudePrior, Cause, FoundBy, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, StageTimes, Statistics};
 use crate::catalog::Catalogue;
 use crate::sky::{ARCSEC, ClockQuality, DEG, HOUR, Mat3, Observer, ra_dec};
 use serde::Serialize;
@@ -34,6 +34,8 @@ pub struct Report {
     pub detail: String,
     /// How sources were searched for.
     pub mode: SearchMode,
+    /// How the pointing was found: near where it was expected, or anywhere on the sky; null where not solved.
+    pub search: Option<FoundBy>,
     /// The pointing; its fields are null where not solved.
     #[serde(flatten)]
     pub pointing: PointingReport,
@@ -66,9 +68,9 @@ pub struct Report {
 /// A pointing in degrees and arcseconds.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct PointingReport {
-    /// Right ascension of the boresight, ICRS.
+    /// Right ascension of the boresight, ICRS, or of date where `equatorial_equinox_yr` says so.
     pub ra_deg: Option<f64>,
-    /// Declination of the boresight, ICRS.
+    /// Declination of the boresight, as right ascension.
     pub dec_deg: Option<f64>,
     /// Position angle of the picture's up direction, from North through East.
     pub roll_deg: Option<f64>,
@@ -104,6 +106,8 @@ pub struct PointingReport {
     pub false_probability_log10: Option<f64>,
     /// Epoch that the stars were moved to, Julian year.
     pub epoch_yr: Option<f64>,
+    /// Epoch of the equator and equinox of right ascension, declination and roll, Julian year; null for ICRS.
+    pub equatorial_equinox_yr: Option<f64>,
     /// Epoch of the equinox of azimuth and elevation, Julian year; null for ICRS axes.
     pub equinox_yr: Option<f64>,
     /// The observer that azimuth and elevation were computed for.
@@ -140,6 +144,20 @@ pub struct PriorReport {
     pub ra_deg: Option<f64>,
     pub dec_deg: Option<f64>,
     pub observer: Option<ObserverReport>,
+    pub attitude: Option<AttitudePriorReport>,
+    pub platescale_arcsec_px: Option<f64>,
+    pub sigma_platescale_arcsec_px: Option<f64>,
+}
+
+/// The attitude that was expected.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "the names are the meaning")]
+pub struct AttitudePriorReport {
+    pub ra_deg: Option<f64>,
+    pub dec_deg: Option<f64>,
+    pub roll_deg: Option<f64>,
+    pub sigma_deg: Option<f64>,
+    pub sigma_roll_deg: Option<f64>,
 }
 
 /// Statistics of a frame; all null where it was not looked at.
@@ -252,6 +270,7 @@ impl Report {
             cause: outcome.cause,
             detail: outcome.detail.clone(),
             mode: outcome.mode,
+            search: outcome.found_by.filter(|_| solution.is_some()),
             pointing: solution.map_or_else(PointingReport::default, PointingReport::new),
             matched: solution.map_or(0, |solution| solution.matches.len()),
             sources_found: outcome.sources.len(),
@@ -272,7 +291,7 @@ impl Report {
 impl PointingReport {
     /// A pointing in the units of the outside.
     pub fn new(solution: &Solution) -> Self {
-        let (ra, dec, roll) = solution.attitude.angles();
+        let (ra, dec, roll) = solution.served_attitude().angles();
         let sigmas = solution.sigmas();
         let horizontal = solution.horizontal.as_ref();
         Self {
@@ -282,7 +301,7 @@ impl PointingReport {
             az_deg: horizontal.and_then(|h| degrees(h.pointing.azimuth)),
             el_deg: horizontal.and_then(|h| degrees(h.pointing.elevation)),
             horizontal_roll_deg: horizontal.and_then(|h| degrees(h.pointing.roll)),
-            platescale_arcsec_px: arcsec(solution.platescale),
+            platescale_arcsec_px: arcsec(solution.served.map_or(solution.platescale, |served| served.platescale)),
             sigma_platescale_arcsec_px: arcsec(solution.sigma_platescale),
             distortion_k1: finite(solution.k1),
             sigma_east_arcsec: arcsec(sigmas.x),
@@ -290,11 +309,12 @@ impl PointingReport {
             sigma_roll_arcsec: arcsec(sigmas.z),
             sigma_az_arcsec: horizontal.and_then(|h| arcsec(h.sigma.0)),
             sigma_el_arcsec: horizontal.and_then(|h| arcsec(h.sigma.1)),
-            covariance_arcsec2: covariance_arcsec2(&solution.covariance),
+            covariance_arcsec2: covariance_arcsec2(solution.served_covariance()),
             rms_px: finite(solution.rms_px),
             chi2_per_dof: finite(solution.chi2_per_dof),
             false_probability_log10: finite(solution.false_probability_log10),
             epoch_yr: solution.epoch_yr.and_then(finite),
+            equatorial_equinox_yr: solution.served.and_then(|served| served.equinox_yr).and_then(finite),
             equinox_yr: horizontal.and_then(|h| h.equinox_yr).and_then(finite),
             observer: horizontal.map(|h| ObserverReport::new(&h.observer)),
         }
@@ -330,6 +350,22 @@ impl PriorReport {
             ra_deg: prior.equatorial.and_then(|(ra, _)| degrees(ra)),
             dec_deg: prior.equatorial.and_then(|(_, dec)| degrees(dec)),
             observer: prior.observer.as_ref().map(ObserverReport::new),
+            attitude: prior.attitude.as_ref().map(AttitudePriorReport::new),
+            platescale_arcsec_px: prior.lens.and_then(|lens| arcsec(lens.platescale)),
+            sigma_platescale_arcsec_px: prior.lens.and_then(|lens| arcsec(lens.platescale * lens.sigma_ln)),
+        }
+    }
+}
+
+impl AttitudePriorReport {
+    fn new(prior: &AttitudePrior) -> Self {
+        let (ra, dec, roll) = prior.attitude.angles();
+        Self {
+            ra_deg: degrees(ra),
+            dec_deg: degrees(dec),
+            roll_deg: degrees(roll),
+            sigma_deg: degrees(prior.sigma),
+            sigma_roll_deg: degrees(prior.sigma_roll),
         }
     }
 }
@@ -393,12 +429,15 @@ fn source_entry(id: usize, source: &SourceReport) -> SourceEntry {
     }
 }
 
-/// The corrections that are in a solution's numbers. Nothing applies aberration or refraction so far.
+/// The corrections that are in a solution's numbers.
 fn corrections_of(solution: &Solution) -> Vec<Correction> {
-    let precessed = solution.horizontal.is_some_and(|h| h.equinox_yr.is_some());
+    let of_date = solution.served.is_some_and(|served| served.equinox_yr.is_some());
+    let precessed = of_date || solution.horizontal.is_some_and(|h| h.equinox_yr.is_some());
     [
         (solution.epoch_yr.is_some(), Correction::ProperMotion),
+        (solution.served.is_some_and(|served| served.aberration), Correction::Aberration),
         (precessed, Correction::Precession),
+        (solution.horizontal.is_some_and(|h| h.refracted), Correction::Refraction),
         (solution.k1 != 0.0, Correction::Distortion),
     ]
     .into_iter()
@@ -495,8 +534,10 @@ mod tests {
                 sigma: (ARCSEC, ARCSEC),
                 observer: Observer { latitude: -77.0 * DEG, sidereal_time: 12.0 * HOUR },
                 equinox_yr: Some(2013.0),
+                refracted: false,
             }),
             epoch_yr: Some(2013.0),
+            served: None,
         };
         Outcome {
             sources: vec![source, source],

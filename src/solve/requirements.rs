@@ -56,8 +56,8 @@ pub fn expected_circles(
     circles
 }
 
-/// Checks everything but the locations; the first refusal ends it. Requirements on the horizon are skipped where it is unknown.
-pub fn check(solution: &Solution, settings: &Settings) -> Result<(), Refusal> {
+/// Checks everything but the locations, `min_matched` being the fewest matched sources; the first refusal ends it. Requirements on the horizon are skipped where it is unknown.
+pub fn check(solution: &Solution, min_matched: usize, settings: &Settings) -> Result<(), Refusal> {
     let limits = &settings.solver.requirements;
     let matching = &settings.solver.matching;
     let (_, _, roll) = solution.attitude.angles();
@@ -80,8 +80,8 @@ pub fn check(solution: &Solution, settings: &Settings) -> Result<(), Refusal> {
     if solution.rms_px.is_nan() || solution.rms_px > limits.fit_error_max_px {
         return Err(Refusal(format!("fit_error: {:.3} px is above {} px", solution.rms_px, limits.fit_error_max_px)));
     }
-    if solution.matches.len() < matching.min_matched as usize {
-        return Err(Refusal(format!("min_matched: {} matched, {} are required", solution.matches.len(), matching.min_matched)));
+    if solution.matches.len() < min_matched {
+        return Err(Refusal(format!("min_matched: {} matched, {min_matched} are required", solution.matches.len())));
     }
     Ok(())
 }

@@ -4,12 +4,14 @@ use super::light::{LightFit, fit_by_light};
 use super::pattern::{PatternSearch, SearchEnd, SearchRules, SearchTally};
 use super::refine::{refine, solution_of};
 use super::requirements::{self, Circle};
+use super::served::{horizontal, served};
+use super::track::Region;
 use super::verify::{FrameGeometry, Hypothesis, PatternSource};
-use super::{Cause, HorizontalSolution, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, Statistics, Stop, Watch};
+use super::{Cause, FoundBy, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, Statistics, Stop, Watch};
 use crate::catalog::{Catalogue, Field, FieldKey};
 use crate::image::{CellStatistics, Frame, Mask, auto_level};
 use crate::settings::Settings;
-use crate::sky::{CameraModel, DEG, HOUR, Mat3, Observer, RowOrder, Vec3, horizontal_of};
+use crate::sky::{CameraModel, DEG, HOUR, Mat3, Observer, RowOrder, Vec3};
 use crate::sources::{Finder, Look, SearchKernel, Source};
 use std::sync::Arc;
 
@@ -58,16 +60,19 @@ impl Search<'_> {
 }
 
 /// Everything about a frame that the stages after the search need.
+#[derive(Clone)]
 pub(super) struct Context<'a> {
-    frame: &'a Frame,
-    watch: &'a dyn Watch,
+    pub frame: &'a Frame,
+    pub watch: &'a dyn Watch,
     pub field: &'a Field,
     pub geometry: FrameGeometry,
     pub camera: CameraModel,
-    observer: Option<Observer>,
+    pub observer: Option<Observer>,
     /// Epoch of observation, where known, Julian year.
-    year: Option<f64>,
+    pub year: Option<f64>,
     circles: Vec<Circle>,
+    /// The attitudes that are expected, where frames are tracked and there is something to expect.
+    pub region: Option<Region>,
     /// Scale that the sources were found at.
     pub scale: usize,
 }
@@ -261,6 +266,15 @@ impl Solver {
             outcome.detail = "solver.matching.enabled is false".into();
             return true;
         }
+        let Some(field) = self.field.clone() else {
+            outcome.reason = Reason::Failed;
+            outcome.detail = "the index is not there".into();
+            return true;
+        };
+        let context = Context { scale: kernel.scale(), ..self.context(frame, prior, watch, &field) };
+        if self.match_near(&context, outcome) {
+            return true;
+        }
         if self.found.len() < LEAST_SOURCES {
             if outcome.reason == Reason::NoMatch && outcome.sources.len() < LEAST_SOURCES {
                 outcome.reason = Reason::TooFewSources;
@@ -269,17 +283,15 @@ impl Solver {
             }
             return false;
         }
-        let Some(field) = self.field.clone() else {
-            outcome.reason = Reason::Failed;
-            outcome.detail = "the index is not there".into();
-            return true;
-        };
-        let context = Context { scale: kernel.scale(), ..self.context(frame, prior, watch, &field) };
-        self.match_sources(&context, outcome)
+        // With the plate scale that is known, and then as if it were not: the lens may have been moved.
+        let unknown = FrameGeometry::new(&settings.solver, &field, frame.width, frame.height);
+        let narrowed = context.geometry.platescale_range != unknown.platescale_range;
+        (narrowed && self.match_sources(&context, outcome))
+            || self.match_sources(&Context { geometry: unknown, ..context }, outcome)
     }
 
     /// Puts the sources of the last search into the outcome.
-    fn report_sources(&self, outcome: &mut Outcome) {
+    pub(super) fn report_sources(&self, outcome: &mut Outcome) {
         outcome.sources = self.found.iter().map(report).collect();
         outcome.sources_tried = self.found.len().min(self.settings.solver.sources.max_sources as usize);
         if let (Some(statistics), Some((long, short))) = (&mut outcome.statistics, self.finder.psf_axes) {
@@ -300,11 +312,14 @@ impl Solver {
             rows: frame.rows,
             mirrored: settings.camera.mirrored,
         };
-        let geometry = FrameGeometry::new(&settings.solver, field, frame.width, frame.height);
+        let lens = prior.lens.filter(|_| settings.solver.tracking.enabled);
+        let unknown = FrameGeometry::new(&settings.solver, field, frame.width, frame.height);
+        let geometry = lens.map_or(unknown, |lens| unknown.with_lens(&lens));
         let year = frame.stamp.captured.map(|(utc, _)| utc.julian_year());
         let observer = self.observer(frame, prior);
         let circles = requirements::expected_circles(&settings.solver.requirements, prior, observer.as_ref(), year);
-        Context { frame, watch, field, geometry, camera, observer, year, circles, scale: 0 }
+        let region = Region::of(prior, &circles).filter(|_| settings.solver.tracking.enabled);
+        Context { frame, watch, field, geometry, camera, observer, year, circles, region, scale: 0 }
     }
 
     /// The observer by the settings' order of preference.
@@ -318,7 +333,7 @@ impl Solver {
             .or(frame.stamp.observer.filter(|_| settings.from_image))
     }
 
-    /// Matches the sources of the last search; `true` where the frame is done with.
+    /// Matches the sources of the last search anywhere on the sky; `true` where the frame is done with.
     fn match_sources(&mut self, context: &Context<'_>, outcome: &mut Outcome) -> bool {
         let started = context.watch.elapsed();
         let settings = self.settings.clone();
@@ -343,7 +358,7 @@ impl Solver {
                 let started = context.watch.elapsed();
                 self.finder.complete(&mut self.found);
                 self.report_sources(outcome);
-                self.conclude(context, &self.pattern_sources(context), &hypothesis, outcome);
+                self.conclude(context, &self.pattern_sources(context), &hypothesis, FoundBy::LostInSpace, outcome);
                 outcome.times.fit += context.watch.elapsed() - started;
                 true
             }
@@ -354,16 +369,24 @@ impl Solver {
     }
 
     /// The final fit of a pattern beyond doubt, its horizontal coordinates, and the requirements.
-    fn conclude(&self, context: &Context<'_>, all: &[PatternSource], found: &Hypothesis, outcome: &mut Outcome) {
+    pub(super) fn conclude(
+        &self,
+        context: &Context<'_>,
+        all: &[PatternSource],
+        found: &Hypothesis,
+        found_by: FoundBy,
+        outcome: &mut Outcome,
+    ) {
         // What an earlier search of this frame was short of is no longer so.
-        (outcome.cause, outcome.candidate) = (None, None);
+        (outcome.cause, outcome.candidate, outcome.found_by) = (None, None, Some(found_by));
         outcome.detail.clear();
         let Some(mut solution) = self.solution(context, all, found, &mut outcome.sources) else {
             outcome.reason = Reason::Failed;
             outcome.detail = "the final fit of a verified pattern did not settle".into();
             return;
         };
-        solution.horizontal = horizontal(context, &solution);
+        solution.horizontal = horizontal(context, &solution, &self.settings.solver.fit);
+        solution.served = served(context, &solution, &self.settings.solver.fit);
         let boresight = solution.attitude.boresight();
         if let Some(circle) = context.circles.iter().find(|c| !c.contains(&boresight)) {
             let distance = crate::sky::separation(&circle.centre, &boresight);
@@ -377,7 +400,11 @@ impl Solver {
                 return;
             }
         }
-        match requirements::check(&solution, &self.settings) {
+        let min_matched = match found_by {
+            FoundBy::Tracked => self.settings.solver.tracking.min_matched,
+            FoundBy::LostInSpace => self.settings.solver.matching.min_matched,
+        };
+        match requirements::check(&solution, min_matched as usize, &self.settings) {
             Ok(()) => {
                 outcome.reason = Reason::Solved;
                 outcome.solution = Some(solution);
@@ -435,7 +462,7 @@ impl Solver {
     }
 
     /// The sources of the last search as the matcher sees them.
-    fn pattern_sources(&self, context: &Context<'_>) -> Vec<PatternSource> {
+    pub(super) fn pattern_sources(&self, context: &Context<'_>) -> Vec<PatternSource> {
         self.found.iter().map(|source| pattern_source(source, &context.camera)).collect()
     }
 
@@ -472,7 +499,7 @@ impl Solver {
 }
 
 /// Ends an outcome because the watch said so.
-fn stopped(outcome: &mut Outcome, stop: Stop) -> bool {
+pub(super) fn stopped(outcome: &mut Outcome, stop: Stop) -> bool {
     (outcome.reason, outcome.detail) = match stop {
         Stop::TimedOut => (Reason::TimedOut, format!("too old, after {} candidates", outcome.candidates_tried)),
         Stop::Aborted => (Reason::Aborted, format!("given up by command, after {} candidates", outcome.candidates_tried)),
@@ -481,7 +508,7 @@ fn stopped(outcome: &mut Outcome, stop: Stop) -> bool {
     true
 }
 
-fn note_tally(outcome: &mut Outcome, tally: SearchTally) {
+pub(super) fn note_tally(outcome: &mut Outcome, tally: SearchTally) {
     outcome.candidates_tried += tally.candidates;
     outcome.triangles = tally.triangles;
 }
@@ -501,23 +528,4 @@ fn report(source: &Source) -> SourceReport {
 fn pattern_source(source: &Source, camera: &CameraModel) -> PatternSource {
     let (left, up) = camera.offsets(source.x, source.y);
     PatternSource::new(left, up, source.sigma, source.flux, camera.platescale)
-}
-
-/// The solution against the horizon, where the observer is known.
-fn horizontal(context: &Context<'_>, solution: &Solution) -> Option<HorizontalSolution> {
-    let observer = context.observer?;
-    let pointing = horizontal_of(&solution.attitude, &observer, context.year);
-    // The horizontal axes at the boresight are the equatorial ones turned by the difference of the two rolls.
-    let (_, _, roll) = solution.attitude.angles();
-    let (sin, cos) = (roll + pointing.roll).sin_cos();
-    let c = &solution.covariance;
-    let (east, north, both) = (c[(0, 0)], c[(1, 1)], c[(0, 1)]);
-    let along = cos * cos * east + sin * sin * north - 2.0 * sin * cos * both;
-    let upward = sin * sin * east + cos * cos * north + 2.0 * sin * cos * both;
-    Some(HorizontalSolution {
-        pointing,
-        sigma: (along.max(0.0).sqrt(), upward.max(0.0).sqrt()),
-        observer,
-        equinox_yr: context.year,
-    })
 }

@@ -6,6 +6,7 @@
 //! candidate is false, and the threshold follows from what was searched, not from experience.
 
 use super::fit::{FitPrior, Pair, Pose, fit};
+use super::track::{LensPrior, REACH_SIGMAS};
 use crate::catalog::{Field, field_rank};
 use crate::settings::SolverSettings;
 use crate::sky::Vec3;
@@ -70,6 +71,8 @@ pub struct FrameGeometry {
     pub tolerance: f64,
     /// Error of a centroid that no noise explains, px.
     pub floor: f64,
+    /// Least and greatest plate scale that is looked for, rad/px.
+    pub platescale_range: (f64, f64),
     /// What is known of the camera.
     pub prior: FitPrior,
 }
@@ -84,20 +87,41 @@ impl FrameGeometry {
             half_diagonal: 0.5 * size.0.hypot(size.1),
             tolerance: settings.matching.tolerance_px,
             floor: settings.fit.centroid_floor_px,
+            platescale_range: field.platescale_range,
             prior: FitPrior {
                 platescale: field.geometry.platescale,
                 // Three of these reach well past the range: it must not pull a plate scale that is inside.
                 sigma_ln_platescale: (high - low) / (high + low),
+                k1: 0.0,
                 sigma_k1: settings.fit.distortion_sigma,
             },
         }
+    }
+
+    /// The same where earlier frames have shown plate scale and distortion. One outside the range is not believed.
+    pub fn with_lens(self, lens: &LensPrior) -> Self {
+        let reach = REACH_SIGMAS * lens.sigma_ln;
+        let (low, high) = self.platescale_range;
+        let platescale_range = (low.max(lens.platescale * (1.0 - reach)), high.min(lens.platescale * (1.0 + reach)));
+        if !(platescale_range.0 < platescale_range.1 && lens.sigma_ln > 0.0 && lens.k1.is_finite()) {
+            return self;
+        }
+        let prior = FitPrior {
+            platescale: lens.platescale,
+            sigma_ln_platescale: lens.sigma_ln.min(self.prior.sigma_ln_platescale),
+            k1: lens.k1,
+            sigma_k1: lens.sigma_k1.min(self.prior.sigma_k1),
+        };
+        Self { platescale_range, prior, ..self }
     }
 }
 
 /// A source is no catalogued star with this probability.
 const STRAY: f64 = 0.5;
 /// Positional errors beyond a source's own σ that are averaged over, px: distortion, blends, the fit itself.
-const EXTRA_SIGMAS: [f64; 3] = [0.25, 0.6, 1.2];
+const EXTRA_SIGMAS: [f64; 3] = [SHARPEST_PX, 0.6, 1.2];
+/// The least of them.
+pub const SHARPEST_PX: f64 = 0.25;
 /// Scatter of star magnitudes about those seen, and the density of chance magnitudes, per mag; a share that knows nothing.
 const MAG_SIGMA: f64 = 0.65;
 const MAG_CHANCE: f64 = 0.25;
@@ -115,7 +139,7 @@ pub fn ln_hypotheses(sources: usize, geometry: &FrameGeometry, field: &Field, sk
     let s = RESOLUTION_PX * field.geometry.platescale;
     // Root mean square distance from the centre of a uniform rectangle.
     let r = field.geometry.platescale * (geometry.size.0.powi(2) + geometry.size.1.powi(2)).sqrt() / 12f64.sqrt();
-    let (low, high) = field.platescale_range;
+    let (low, high) = geometry.platescale_range;
     let scale_half_width = (high - low) / (high + low);
     let positions = 4.0 * std::f64::consts::PI * sky_fraction * n / (2.0 * std::f64::consts::PI * s * s);
     let rolls = std::f64::consts::TAU * r * n.sqrt() / (2.5 * s);
@@ -183,6 +207,20 @@ pub fn verify(
     geometry: &FrameGeometry,
     min_matched: usize,
 ) -> Option<Hypothesis> {
+    /// Fewer than these fit many a pose of the whole sky.
+    const LEAST: usize = 4;
+    verify_from(sources, start, field, geometry, min_matched.max(LEAST), min_matched)
+}
+
+/// As [`verify`], with `at_first` sources that must match before the pose is fitted.
+pub fn verify_from(
+    sources: &[PatternSource],
+    start: &Pose,
+    field: &Field,
+    geometry: &FrameGeometry,
+    at_first: usize,
+    min_matched: usize,
+) -> Option<Hypothesis> {
     let mut pose = *start;
     let mut stars = Vec::new();
     let mut matches = Vec::new();
@@ -192,7 +230,7 @@ pub fn verify(
     for tolerance in [geometry.tolerance, 0.6 * geometry.tolerance] {
         project_stars(field, &pose, geometry, field.verification_rank, &mut stars);
         assign(sources, &stars, |_| tolerance, &mut matches);
-        if matches.len() < min_matched.max(4) {
+        if matches.len() < at_first {
             return None;
         }
         let pairs = pairs_of(sources, &matches, field, geometry.floor.hypot(LEAST_SIGMA_PX));

@@ -285,9 +285,10 @@ impl Finder {
     }
 
     /// Fits the centres of the sources of the last search that were not worth it before a pattern was found. The first ones, which
-    /// patterns are made of, stay as they are.
+    /// patterns are made of, stay as they are; a second time nothing is left to do.
     pub fn complete(&mut self, sources: &mut [Source]) {
         with_vectors(FitTheRest { finder: self, sources });
+        self.fitted = usize::MAX;
     }
 
     /// The peaks of a round kernel; `false` where it was told not to keep on.

@@ -165,8 +165,10 @@ mod tests {
                 sigma: (1.5 * ARCSEC, 2.5 * ARCSEC),
                 observer: Observer { latitude: -77.0 * DEG, sidereal_time: -HOUR },
                 equinox_yr: None,
+                refracted: false,
             }),
             epoch_yr: Some(2013.0),
+            served: None,
         }
     }
 

@@ -84,6 +84,7 @@ impl Status {
             horizontal: self.horizontal_estimate.get().map(|at| (at.az_deg * DEG, at.el_deg * DEG)),
             equatorial: self.equatorial_estimate.get().map(|at| (at.ra_deg * DEG, at.dec_deg * DEG)),
             observer: self.observer(),
+            ..Prior::default()
         }
     }
 

@@ -252,9 +252,9 @@ body! {
 body! {
     /// A pointing: the boresight is the centre of the image.
     pub struct Equatorial {
-        /// Right ascension of the boresight, ICRS.
+        /// Right ascension of the boresight, ICRS; of date where the camera's `solver.fit.precession` is switched on.
         ra_deg: f64 => "deg" [0.0, 360.0];
-        /// Declination of the boresight, ICRS.
+        /// Declination of the boresight, as right ascension.
         dec_deg: f64 => "deg" [-90.0, 90.0];
         /// Position angle of the image's up direction, from North through East.
         roll_deg: f64 => "deg" [-180.0, 180.0];

@@ -5,7 +5,8 @@ use stars::camera::CameraError;
 use stars::image::ImageCounter;
 use stars::service::{Actor, CameraState, Closed, MakeSolver, MakeSource, Parts, Readiness, Running, State};
 use stars::settings::CameraKind;
-use stars::solve::{Outcome, Prior, Reason, Stop};
+use stars::sky::{ARCSEC, Attitude, Mat3};
+use stars::solve::{FoundBy, Outcome, Prior, Reason, Solution, Stop};
 use stars::wire::{HorizontalEstimate, ObserverPart, Status};
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -273,6 +274,48 @@ async fn the_priors_of_the_computer_in_charge_go_with_the_frame() {
     // The sidereal time has gone on since.
     let turned = observer.sidereal_time.to_degrees() - 45.0;
     assert!((0.0..PATIENCE.as_secs_f64() * 15.1 / 3600.0).contains(&turned), "{turned}");
+}
+
+/// What a solver says that has found the boresight.
+fn solved(frame: &stars::image::Frame) -> Outcome {
+    let solution = Solution {
+        attitude: Attitude::from_angles(1.0, -0.5, 0.2),
+        platescale: 9.5 * ARCSEC,
+        k1: 0.0,
+        covariance: Mat3::identity() * ARCSEC * ARCSEC,
+        sigma_platescale: 1e-3 * ARCSEC,
+        rms_px: 0.1,
+        chi2_per_dof: 1.0,
+        matches: Vec::new(),
+        false_probability_log10: -20.0,
+        horizontal: None,
+        epoch_yr: None,
+        served: None,
+    };
+    let found_by = Some(FoundBy::LostInSpace);
+    Outcome { solution: Some(solution), found_by, ..Outcome::unsolved(frame.stamp.clone(), Reason::Solved, "") }
+}
+
+#[tokio::test]
+async fn what_a_solution_showed_goes_with_the_next_frame_and_a_solver_that_broke_does_not_take_it_along() {
+    let seen: Arc<Mutex<Vec<Prior>>> = Arc::default();
+    let record = Arc::clone(&seen);
+    let telling = solver(move |frame, prior, _| {
+        record.lock().unwrap().push(prior.clone());
+        assert!(frame.stamp.image != ImageCounter(1), "an image that breaks the solver");
+        solved(frame)
+    });
+    let running = start(settings(), Parts { camera: plain_camera(), solver: telling }).await;
+    until(&running, |state| state.counters.frames_solved >= 2).await;
+    let priors = seen.lock().unwrap();
+    assert_eq!((priors[0].attitude, priors[0].lens), (None, None), "the first frame is lost in space");
+    for prior in &priors[1..3] {
+        let attitude = prior.attitude.expect("the last solution says where the camera looked");
+        assert_eq!(attitude.attitude, Attitude::from_angles(1.0, -0.5, 0.2));
+        assert!(attitude.sigma > ARCSEC && prior.lens.is_some_and(|lens| lens.platescale == 9.5 * ARCSEC));
+    }
+    let age = |prior: &Prior| prior.attitude.map_or(0.0, |attitude| attitude.sigma);
+    assert!(age(&priors[2]) > age(&priors[1]), "an older solution is surer than a newer one");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

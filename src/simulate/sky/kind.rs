@@ -32,11 +32,13 @@ pub enum Kind {
     NoStars,
     /// Flat, zero or full scale: no solution is right.
     Blank,
+    /// Float with stars so dimmed that 3 to 6 of them are over SNR 5.
+    Faint,
 }
 
 impl Kind {
     /// All kinds, in the order of the documentation.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Night,
         Self::Float,
         Self::Gradient,
@@ -50,6 +52,7 @@ impl Kind {
         Self::Saturated,
         Self::NoStars,
         Self::Blank,
+        Self::Faint,
     ];
 
     /// The name, as on the command line and in file names.
@@ -68,6 +71,7 @@ impl Kind {
             Self::Saturated => "saturated",
             Self::NoStars => "nostars",
             Self::Blank => "blank",
+            Self::Faint => "faint",
         }
     }
 

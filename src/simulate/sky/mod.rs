@@ -160,6 +160,9 @@ pub fn render(spec: &RenderSpec, catalogue: &Catalogue) -> Result<Rendered, Rend
             let mut light = scene.backdrop.light(width, height, sensor.full_light_adu());
             let transmission = scene.backdrop.transmission(width, height);
             images.iter_mut().for_each(|star| star.measure_sky(&light, &transmission, width));
+            if let Some(count) = scene.left_over {
+                stars::dim_to(count, &mut images, sensor);
+            }
             images.iter().for_each(|star| star.paint(&mut light, width));
             dim(&mut light, &transmission, &mut spec.camera_dice(Purpose::Pattern));
             scene.flaws.paint_lasting(&mut light, width, sensor.sum_over_mean, &mut spec.camera_dice(Purpose::HotPixels));

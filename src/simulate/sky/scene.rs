@@ -23,6 +23,8 @@ pub(super) struct Scene {
     pub psf_sigma_px: f64,
     /// Whether stars are drawn.
     pub stars: bool,
+    /// Stars that are left over the SNR that counts, the others dimmed below it with them.
+    pub left_over: Option<usize>,
     /// A star (index in the catalogue) that is this many times brighter than it should, so that it overflows.
     pub overflowing: Option<(usize, f64)>,
     pub backdrop: Backdrop,
@@ -45,6 +47,8 @@ const AXIS_OFFSET_PX: f64 = 25.0;
 /// Time between the exposures of a series and length of one, s (the paper: 190 ms gaps, a series lasts 0.8 to 1.3 s).
 const GAP_S: f64 = 0.19;
 const EXPOSURE_S: (f64, f64) = (0.06, 0.18);
+/// Stars that a thin veil leaves in a faint frame.
+const LEFT_OVER: (usize, usize) = (3, 6);
 /// Stars that may be made to overflow: the brightest of the catalogue (G < 2.2).
 const BRIGHTEST: usize = 60;
 
@@ -85,6 +89,7 @@ impl Scene {
             psf: Psf::new(psf_sigma_px, diameter),
             psf_sigma_px,
             stars: spec.kind.has_stars(),
+            left_over: (spec.kind == Kind::Faint).then(|| motion.count(LEFT_OVER.0, LEFT_OVER.1)),
             overflowing,
             backdrop,
             flaws: draw_flaws(spec),

@@ -3,6 +3,7 @@
 use super::psf::Stamp;
 use super::random::{Dice, Purpose};
 use super::scene::Scene;
+use super::sensor::Sensor;
 use super::truth::{MUST_CLIPPED_BELOW, MUST_SNR, MUST_STARS, TrueStar, Truth};
 use super::{RenderSpec, backdrop::Glow};
 use crate::catalog::Catalogue;
@@ -39,6 +40,11 @@ impl StarImage {
         if let (Some(&light), Some(&passed)) = (light.get(at), transmission.get(at)) {
             (self.sky_adu, self.passed) = (f64::from(light), f64::from(passed));
         }
+    }
+
+    /// Matched-filter signal over noise; zero where its middle is off the sensor.
+    fn snr(&self, sensor: &Sensor) -> f64 {
+        self.flux_adu * self.passed * self.stamp.sharpness() / sensor.noise_adu(self.sky_adu * self.passed)
     }
 
     /// Adds its light, ADU, to an image of `width` columns.
@@ -97,6 +103,16 @@ pub(super) fn expose(spec: &RenderSpec, scene: &mut Scene, catalogue: &Catalogue
     images
 }
 
+/// Dims all stars until `count` of them are over the SNR that counts.
+pub(super) fn dim_to(count: usize, images: &mut [StarImage], sensor: &Sensor) {
+    let mut snrs: Vec<f64> = images.iter().map(|image| image.snr(sensor)).collect();
+    snrs.sort_by(|a, b| b.total_cmp(a));
+    let (Some(&last), Some(&next)) = (snrs.get(count.saturating_sub(1)), snrs.get(count)) else { return };
+    // In the middle between the last that is to be seen and the next one.
+    let dimming = (MUST_SNR / (last * next).sqrt()).min(1.0);
+    images.iter_mut().for_each(|image| image.flux_adu *= dimming);
+}
+
 /// The light of a very bright star that the lens scatters.
 fn halo(x: f64, y: f64, flux_adu: f64) -> Glow {
     /// Fraction of the flux, and distance in which the halo falls by e, px.
@@ -114,15 +130,13 @@ pub(super) fn judge(spec: &RenderSpec, scene: &Scene, catalogue: &Catalogue, ima
     let mut stars: Vec<TrueStar> = images
         .iter()
         .filter_map(|image| {
-            let flux_adu = image.flux_adu * image.passed;
-            let noise = sensor.noise_adu(image.sky_adu * image.passed);
             Some(TrueStar {
                 star: image.star,
                 x: image.x,
                 y: image.y,
                 mag: catalogue.stars.get(image.star)?.mag,
-                flux_adu,
-                snr: flux_adu * image.stamp.sharpness() / noise,
+                flux_adu: image.flux_adu * image.passed,
+                snr: image.snr(sensor),
                 clipped: is_clipped(image, pixels, width, full),
             })
         })
