@@ -464,7 +464,7 @@ mod tests {
         cells.measure(&frame, None);
         let raw = Plane { width: w, height: h, pixels: frame.pixels.iter().map(|&p| f32::from(p)).collect() };
         let mut plane = Plane::default();
-        super::super::plane::halve(&raw, &mut plane);
+        super::super::plane::halve(&raw, &mut Default::default(), &mut plane);
         (plane, cells, stars)
     }
 

@@ -282,8 +282,15 @@ pub fn scan_row(rows: [&[f32]; 3], y: usize, columns: usize, rules: &PeakRules<'
     let block_rows = rules.thresholds.len() / rules.threshold_columns;
     let thresholds = &rules.thresholds[(y / CELL_PX).min(block_rows - 1) * rules.threshold_columns..];
     for block in 0..width.div_ceil(CELL_PX) {
-        let threshold = thresholds[block.min(rules.threshold_columns - 1)];
         let (first, last) = (block * CELL_PX, ((block + 1) * CELL_PX).min(width));
+        let mut threshold = thresholds[block.min(rules.threshold_columns - 1)];
+        // In a cell that is full, only what is above the lowest of its peaks is worth a look.
+        let cell = (y / rules.cell) * columns + first / rules.cell;
+        if first / rules.cell == (last - 1) / rules.cell
+            && let Some(lowest) = cells[cell].get(rules.per_cell.saturating_sub(1))
+        {
+            threshold = threshold.max(lowest.height);
+        }
         // Almost every block ends here, without a branch inside it.
         if here[first..last].first_chunk().is_some_and(|block| !any_above(block, threshold)) {
             continue;
