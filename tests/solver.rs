@@ -182,7 +182,11 @@ impl Watch for StopAfter {
 fn a_stop_is_obeyed_at_whatever_point_it_comes() {
     let mut solver = solver();
     let frame = rendered(Kind::NoStars, 1).frame;
-    for asked in [1, 2, 10, 20, 40, 100] {
+    let patient = StopAfter(Cell::new(usize::MAX), Stop::TimedOut);
+    assert_eq!(solver.solve(&frame, &Prior::default(), &patient).reason, Reason::NoMatch);
+    let asked_in_all = usize::MAX - patient.0.get();
+    assert!(asked_in_all > 40, "{asked_in_all}");
+    for asked in [1, 2, 10, 20, 40, asked_in_all - 1, asked_in_all] {
         let watch = StopAfter(Cell::new(asked), Stop::TimedOut);
         assert_eq!(solver.solve(&frame, &Prior::default(), &watch).reason, Reason::TimedOut, "{asked}");
     }
