@@ -5,6 +5,8 @@
 //!
 //! Who has sources already, and no frame, uses the match alone: [`PatternSearch`].
 
+mod cause;
+mod diagnose;
 mod fit;
 mod light;
 mod outcome;
@@ -12,9 +14,11 @@ mod pattern;
 mod refine;
 mod report;
 mod requirements;
+mod second_look;
 mod solver;
 mod verify;
 
+pub use cause::Blur;
 pub use fit::{FitPrior, Pose};
 pub use outcome::{
     Cause, HorizontalSolution, Match, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, StageTimes, Statistics,
