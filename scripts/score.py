@@ -3,7 +3,7 @@
 
     score.py flight|esa TRUTH.json ANSWERS.jsonl
     score.py speed|refusal|lists|tracking BENCH.txt
-    score.py rendered|nostars|mirrored|measured|peers|errors|scale DIRECTORY
+    score.py rendered|nostars|mirrored|causes|measured|peers|errors|scale DIRECTORY
 
 A DIRECTORY holds `*.truth.json`, as `stars render` writes them, and answers in `*.jsonl`; the image's name joins the two.
 Prints what was measured, then one line `wanted: … got: … PASS|FAIL` for each thing wanted; exits 1 if any failed.
@@ -41,6 +41,10 @@ NORMAL_SHARES = (68.3, 95.4, 99.7)
 SLACK_OF_KIND = (4.0, 3.0, 1.0)
 SLACK_OF_ALL = (2.0, 1.5, 0.5)
 WANTED_CHI2 = (0.9, 1.1)
+# Share of the unsolved frames of a cause that must name it, percent; how far the size of a blur may be off, and in which share, percent.
+WANTED_NAMED = 95
+BLUR_SLACK = 0.25
+WANTED_SIZED = 90
 # Errors wanted at most, rms: per axis and in roll, arcsec.
 WANTED_RMS = {"float": (0.30, 13.0), "night": (0.11, 4.5)}
 
@@ -326,6 +330,31 @@ def score_none(verdict, directory, what):
     verdict(f"no solution of {what}", f"{len(solved)} of {len(pairs)} solved {solved[:5] or ''}".rstrip(), not solved)
 
 
+def score_causes(verdict, directory):
+    """Of the frames that each cause left unsolved, the share in which it is named; and the size of the blur, where it is one."""
+    kinds = {}
+    for answer, truth in read_directory(directory):
+        kinds.setdefault(truth["cause"], []).append((answer, truth))
+    for cause, pairs in kinds.items():
+        unsolved = [pair for pair in pairs if not pair[0]["solved"]]
+        named = [pair for pair in unsolved if pair[0]["cause"] == cause]
+        times = [answer["time_ms"]["total"] for answer, _ in unsolved]
+        print(f"{cause:<18} frames {len(pairs):3}  unsolved {len(unsolved):3}  named {len(named):3}  "
+              f"ms median {percentile(times, 50):.1f} max {max(times, default=math.nan):.1f}")
+        others = [answer for answer, _ in unsolved if answer["cause"] != cause]
+        if others:
+            print(f"                   instead: {reasons(others)}: {' '.join(Path(a['image']).stem for a in others[:8])}")
+        rate = 100 * len(named) / len(unsolved) if unsolved else math.nan
+        verdict(f"{WANTED_NAMED} % of {cause} named", f"{len(named)} of {len(unsolved)} ({rate:.1f} %)", rate >= WANTED_NAMED)
+        if cause in ("out_of_focus", "trailed"):
+            ratios = [answer["blur_px"] / truth["blur_px"] for answer, truth in named]
+            near = sum(abs(ratio - 1) <= BLUR_SLACK for ratio in ratios)
+            got = f"{near} of {len(ratios)}; ratio median {percentile(ratios, 50):.2f}, {min(ratios, default=math.nan):.2f} to {max(ratios, default=math.nan):.2f}"
+            verdict(f"size within {BLUR_SLACK:.0%} in {WANTED_SIZED} %", got, near >= WANTED_SIZED / 100 * max(1, len(ratios)))
+    wrong = [name for pairs in kinds.values() for name in wrong_of(pairs)]
+    verdict("no wrong solution", f"{len(wrong)} wrong {wrong[:5] or ''}".rstrip(), not wrong)
+
+
 def score_real(verdict, truth_file, answers_file, group):
     """The real images of a group (`flight` or `esa`) against their reference."""
     answers = {Path(answer["image"]).name: answer for answer in read_lines(answers_file)}
@@ -496,6 +525,8 @@ def main(arguments):
             score_measured(verdict, directory)
         case ["nostars", directory]:
             score_none(verdict, directory, "frames without stars")
+        case ["causes", directory]:
+            score_causes(verdict, directory)
         case ["scale", directory]:
             score_scale(verdict, directory)
         case ["mirrored", directory]:

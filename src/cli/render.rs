@@ -23,7 +23,10 @@ use std::thread;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  stars render --kind float --count 20 --seed 7 --out frames\n  \
     stars render --kind night --custom custom.toml --out frames     as that camera would see it\n\n\
-    Kinds: night float gradient defocus defocus30 motion multiexp hotpix sparse dense saturated nostars blank faint")]
+    Kinds: night float gradient defocus defocus30 motion multiexp hotpix sparse dense saturated nostars blank faint,\n\
+    and frames spoilt by one cause: cause-overexposed cause-saturated cause-no_contrast cause-out_of_focus cause-trailed\n\
+    cause-clouds cause-too_few_stars cause-too_many_artefacts cause-wrong_platescale cause-mirrored cause-wrong_prior\n\
+    cause-lens_covered")]
 pub struct Args {
     /// Kind of frame
     #[arg(long)]

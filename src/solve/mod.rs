@@ -5,6 +5,8 @@
 //!
 //! Who has sources already, and no frame, uses the match alone: [`PatternSearch`].
 
+mod cause;
+mod diagnose;
 mod fit;
 mod light;
 mod near;
@@ -13,12 +15,14 @@ mod pattern;
 mod refine;
 mod report;
 mod requirements;
+mod second_look;
 mod served;
 mod solver;
 mod track;
 mod tracked;
 mod verify;
 
+pub use cause::Blur;
 pub use fit::{FitPrior, Pose};
 pub use near::{NearRules, NearSearch};
 pub use outcome::{

@@ -1,5 +1,6 @@
 //! The outcome: what every frame ends in, solved or not, and what a solution is.
 
+use super::Blur;
 use super::served::Served;
 use super::track::{AttitudePrior, LensPrior};
 use crate::image::Stamp;
@@ -229,6 +230,8 @@ pub struct Outcome {
     pub reason: Reason,
     /// What the frame's own evidence says was wrong.
     pub cause: Option<Cause>,
+    /// How large the images of stars are where that is the cause.
+    pub blur: Option<Blur>,
     /// In words: which requirement refused, its value, its limit; which limit ended the search.
     pub detail: String,
     /// Statistics, where the frame was looked at.
@@ -264,6 +267,7 @@ impl Outcome {
             stamp,
             reason,
             cause: None,
+            blur: None,
             detail: detail.into(),
             statistics: None,
             mode: SearchMode::Normal,

@@ -30,6 +30,10 @@ pub struct Report {
     pub reason: Reason,
     /// What the frame's own evidence says was wrong.
     pub cause: Option<Cause>,
+    /// Diameter of the discs, or length of the trails, that stars are, where that is the cause.
+    pub blur_px: Option<f64>,
+    /// Direction of the trails, from x towards y, in file order.
+    pub blur_angle_deg: Option<f64>,
     /// The reason in words.
     pub detail: String,
     /// How sources were searched for.
@@ -268,6 +272,8 @@ impl Report {
             solved: outcome.reason == Reason::Solved && solution.is_some(),
             reason: outcome.reason,
             cause: outcome.cause,
+            blur_px: outcome.blur.and_then(|blur| finite(blur.size_px)),
+            blur_angle_deg: outcome.blur.and_then(|blur| blur.angle).and_then(degrees),
             detail: outcome.detail.clone(),
             mode: outcome.mode,
             search: outcome.found_by.filter(|_| solution.is_some()),

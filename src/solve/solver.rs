@@ -1,5 +1,6 @@
 //! The solver: one frame in, one outcome out.
 
+use super::diagnose::Seen;
 use super::light::{LightFit, fit_by_light};
 use super::pattern::{PatternSearch, SearchEnd, SearchRules, SearchTally};
 use super::refine::{refine, solution_of};
@@ -25,6 +26,8 @@ pub struct Solver {
     pub(super) cells: CellStatistics,
     pub(super) finder: Finder,
     pub(super) found: Vec<Source>,
+    /// What the searches of the present frame saw.
+    pub(super) seen: Seen,
 }
 
 /// A frame with more of its pixels saturated has no sky left to look at.
@@ -40,10 +43,10 @@ const LISTS: u64 = 4;
 const UNDECIDED_FALSE_LN: f64 = 0.0;
 
 /// What a search is about.
-struct Search<'a> {
-    frame: &'a Frame,
-    prior: &'a Prior,
-    watch: &'a dyn Watch,
+pub(super) struct Search<'a> {
+    pub frame: &'a Frame,
+    pub prior: &'a Prior,
+    pub watch: &'a dyn Watch,
     mask: Option<Mask>,
 }
 
@@ -70,7 +73,7 @@ pub(super) struct Context<'a> {
     pub observer: Option<Observer>,
     /// Epoch of observation, where known, Julian year.
     pub year: Option<f64>,
-    circles: Vec<Circle>,
+    pub circles: Vec<Circle>,
     /// The attitudes that are expected, where frames are tracked and there is something to expect.
     pub region: Option<Region>,
     /// Scale that the sources were found at.
@@ -80,7 +83,15 @@ pub(super) struct Context<'a> {
 impl Solver {
     /// A solver for the given settings; the index is built with the first frame, or by [`Self::prepare`].
     pub fn new(catalogue: Arc<Catalogue>, settings: Arc<Settings>) -> Self {
-        Self { catalogue, settings, field: None, cells: CellStatistics::default(), finder: Finder::default(), found: Vec::new() }
+        Self {
+            catalogue,
+            settings,
+            field: None,
+            cells: CellStatistics::default(),
+            finder: Finder::default(),
+            found: Vec::new(),
+            seen: Seen::default(),
+        }
     }
 
     /// Builds the index for frames of a size, px, unless it is there (under 2 s).
@@ -154,12 +165,14 @@ impl Solver {
                         return outcome;
                     }
                     self.finder.begin(frame, &self.cells);
+                    self.seen = Seen::default();
                     let search = Search { frame, prior, watch, mask };
                     let done = normal && self.search_with(&search, SearchKernel::Sharp, &mut outcome);
                     if robust && !done {
                         outcome.mode = SearchMode::Robust;
                         self.search_widely(&search, &mut outcome);
                     }
+                    self.diagnose(&search, &mut outcome);
                 }
                 Err(error) => (outcome.reason, outcome.detail) = (Reason::Failed, error),
             }
@@ -199,8 +212,8 @@ impl Solver {
             return Err((Reason::NoContrast, "half of the frame has no noise at all".into()));
         }
         if cells.saturation.is_some() && fraction >= TOO_BRIGHT_FRACTION {
-            let flat_and_unknown = full_scale.is_none() && cells.saturation.is_none_or(|s| s < u16::MAX) && fraction >= 1.0;
-            if flat_and_unknown {
+            let flat = fraction >= 1.0 && cells.saturation.is_none_or(|s| s < full_scale.unwrap_or(u16::MAX));
+            if flat {
                 outcome.cause = Some(Cause::NoContrast);
                 return Err((Reason::NoContrast, "every pixel has the same value".into()));
             }
@@ -257,6 +270,9 @@ impl Solver {
         if !finished {
             return stopped(outcome, watch.stop().unwrap_or(Stop::Aborted));
         }
+        if kernel == SearchKernel::Sharp {
+            self.seen = Seen::of(&self.found);
+        }
         // What is reported of an unsolved frame is the search that found most.
         if kernel == SearchKernel::Sharp || self.found.len() > outcome.sources.len() {
             self.report_sources(outcome);
@@ -302,7 +318,7 @@ impl Solver {
     }
 
     /// What the stages after the search need to know of the frame.
-    fn context<'a>(&self, frame: &'a Frame, prior: &'a Prior, watch: &'a dyn Watch, field: &'a Field) -> Context<'a> {
+    pub(super) fn context<'a>(&self, frame: &'a Frame, prior: &'a Prior, watch: &'a dyn Watch, field: &'a Field) -> Context<'a> {
         let settings = &self.settings;
         let camera = CameraModel {
             width: frame.width,
@@ -525,7 +541,7 @@ fn report(source: &Source) -> SourceReport {
     }
 }
 
-fn pattern_source(source: &Source, camera: &CameraModel) -> PatternSource {
+pub(super) fn pattern_source(source: &Source, camera: &CameraModel) -> PatternSource {
     let (left, up) = camera.offsets(source.x, source.y);
     PatternSource::new(left, up, source.sigma, source.flux, camera.platescale)
 }

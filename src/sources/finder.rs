@@ -2,6 +2,7 @@
 
 #![allow(clippy::indexing_slicing, reason = "a candidate's patch is among the patches of the same search")]
 
+use super::blur::{self, Figure};
 use super::kernel::SearchKernel;
 use super::light::{KnownStar, Light, PlacedStar};
 use super::lines;
@@ -327,6 +328,13 @@ impl Finder {
     /// Measures a star near its place by the light of all.
     pub fn place(&self, cells: &CellStatistics, light: &Light, star: &KnownStar) -> Option<PlacedStar> {
         light.place(self.halved.first()?, cells, star)
+    }
+
+    /// The figure that stars are: points, discs, trails. At places, px, with their signal over noise, brightest first; where none are
+    /// given, at those that stand out widely.
+    pub fn figure(&mut self, frame: &Frame, cells: &CellStatistics, places: &[(f64, f64, f64)]) -> Option<Figure> {
+        self.prepare_scale(frame, blur::SEARCH_SCALE);
+        blur::figure(&self.halved, cells, places)
     }
 
     /// Makes the halved pictures up to a scale.

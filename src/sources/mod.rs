@@ -4,6 +4,7 @@
 //! frame's point spread function → centroids. [`Finder::find`] does it; scale 0 is the picture itself, each further one has half
 //! the resolution and so a kernel twice as wide, for pictures out of focus. Uses `image` and `settings`.
 
+mod blur;
 mod finder;
 mod kernel;
 mod light;
@@ -13,6 +14,7 @@ mod peaks;
 mod plane;
 mod trails;
 
+pub use blur::Figure;
 pub use finder::{Finder, Look, Source};
 pub use kernel::SearchKernel;
 pub use light::{KnownStar, Light, PlacedStar};

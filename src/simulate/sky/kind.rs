@@ -1,5 +1,6 @@
 //! The kinds of frame.
 
+use crate::solve::Cause;
 use std::fmt;
 use std::str::FromStr;
 
@@ -34,11 +35,13 @@ pub enum Kind {
     Blank,
     /// Float with stars so dimmed that 3 to 6 of them are over SNR 5.
     Faint,
+    /// A frame spoilt by one cause, so that it is mostly not solved: what the outcome should name.
+    Spoilt(Cause),
 }
 
 impl Kind {
     /// All kinds, in the order of the documentation.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 26] = [
         Self::Night,
         Self::Float,
         Self::Gradient,
@@ -53,6 +56,18 @@ impl Kind {
         Self::NoStars,
         Self::Blank,
         Self::Faint,
+        Self::Spoilt(Cause::Overexposed),
+        Self::Spoilt(Cause::Saturated),
+        Self::Spoilt(Cause::NoContrast),
+        Self::Spoilt(Cause::OutOfFocus),
+        Self::Spoilt(Cause::Trailed),
+        Self::Spoilt(Cause::Clouds),
+        Self::Spoilt(Cause::TooFewStars),
+        Self::Spoilt(Cause::TooManyArtefacts),
+        Self::Spoilt(Cause::WrongPlatescale),
+        Self::Spoilt(Cause::Mirrored),
+        Self::Spoilt(Cause::WrongPrior),
+        Self::Spoilt(Cause::LensCovered),
     ];
 
     /// The name, as on the command line and in file names.
@@ -72,12 +87,38 @@ impl Kind {
             Self::NoStars => "nostars",
             Self::Blank => "blank",
             Self::Faint => "faint",
+            Self::Spoilt(Cause::Overexposed) => "cause-overexposed",
+            Self::Spoilt(Cause::Saturated) => "cause-saturated",
+            Self::Spoilt(Cause::NoContrast) => "cause-no_contrast",
+            Self::Spoilt(Cause::OutOfFocus) => "cause-out_of_focus",
+            Self::Spoilt(Cause::Trailed) => "cause-trailed",
+            Self::Spoilt(Cause::Clouds) => "cause-clouds",
+            Self::Spoilt(Cause::TooFewStars) => "cause-too_few_stars",
+            Self::Spoilt(Cause::TooManyArtefacts) => "cause-too_many_artefacts",
+            Self::Spoilt(Cause::WrongPlatescale) => "cause-wrong_platescale",
+            Self::Spoilt(Cause::Mirrored) => "cause-mirrored",
+            Self::Spoilt(Cause::WrongPrior) => "cause-wrong_prior",
+            Self::Spoilt(Cause::LensCovered) => "cause-lens_covered",
         }
     }
 
     /// Whether there are stars in it, so that a solution can be right.
     pub fn has_stars(self) -> bool {
-        !matches!(self, Self::NoStars | Self::Blank)
+        let none = [Self::NoStars, Self::Blank, Self::Spoilt(Cause::LensCovered), Self::Spoilt(Cause::NoContrast)];
+        !none.contains(&self)
+    }
+
+    /// What spoils it.
+    pub fn cause(self) -> Option<Cause> {
+        match self {
+            Self::Spoilt(cause) => Some(cause),
+            _ => None,
+        }
+    }
+
+    /// Its place among all kinds, by which the draws of one kind differ from another's.
+    pub(super) fn number(self) -> u64 {
+        Self::ALL.iter().position(|kind| *kind == self).unwrap_or(Self::ALL.len()) as u64
     }
 }
 

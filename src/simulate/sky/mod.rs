@@ -15,6 +15,7 @@ mod psf;
 mod random;
 mod scene;
 mod sensor;
+mod spoil;
 mod stars;
 mod truth;
 
@@ -116,7 +117,7 @@ impl RenderSpec {
 
     /// Chance that is new with every frame.
     fn dice(&self, purpose: Purpose) -> Dice {
-        Dice::new(self.seed, self.kind as u64, self.index, purpose)
+        Dice::new(self.seed, self.kind.number(), self.index, purpose)
     }
 
     /// Chance that stays with the camera.
@@ -125,7 +126,7 @@ impl RenderSpec {
         const CAMERA: u64 = u64::MAX;
         match self.camera {
             Some(seed) => Dice::new(seed, CAMERA, CAMERA, purpose),
-            None => Dice::new(self.seed, self.kind as u64 + (CAMERA >> 1), self.index, purpose),
+            None => Dice::new(self.seed, self.kind.number() + (CAMERA >> 1), self.index, purpose),
         }
     }
 
@@ -170,7 +171,9 @@ pub fn render(spec: &RenderSpec, catalogue: &Catalogue) -> Result<Rendered, Rend
             if sensor.overflows {
                 sensor.overflow(&mut light, width);
             }
-            sensor.read_out(&light, &mut spec.dice(Purpose::Noise))
+            let mut pixels = sensor.read_out(&light, &mut spec.dice(Purpose::Noise));
+            pixels.iter_mut().for_each(|pixel| *pixel -= *pixel % scene.step_adu);
+            pixels
         }
     };
     let truth = stars::judge(spec, &scene, catalogue, &images, &pixels);

@@ -18,6 +18,7 @@ pub(super) enum Purpose {
     Pattern,
     Noise,
     Star,
+    Spoil,
 }
 
 /// One stream of chance.

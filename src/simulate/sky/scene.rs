@@ -5,9 +5,10 @@ use super::optics::Optics;
 use super::psf::Psf;
 use super::random::{Dice, Purpose};
 use super::sensor::{Flaws, Sensor};
-use super::{Kind, RenderSpec};
+use super::{Kind, RenderSpec, spoil};
 use crate::catalog::Catalogue;
 use crate::sky::{Attitude, CameraModel, DEG, Mat3, Vec3, ra_dec};
+use crate::solve::Cause;
 use std::f64::consts::{PI, TAU};
 
 /// A frame as it is to be rendered.
@@ -32,6 +33,12 @@ pub(super) struct Scene {
     pub flaws: Flaws,
     /// The same value everywhere, ADU, instead of all of the above.
     pub blank: Option<u16>,
+    /// Fraction of the stars' light that comes through.
+    pub starlight: f64,
+    /// Step to which values are rounded down, ADU.
+    pub step_adu: u16,
+    /// Diameter of the discs or length of the trails that stars are, px; nought where they are points.
+    pub blur_px: f64,
 }
 
 /// Sky over bias on a dark sky, at float, and on the bright sky of `defocus30`, ADU.
@@ -63,6 +70,7 @@ impl Scene {
         let diameter = match spec.kind {
             Kind::Defocus => motion.uniform(2.0, 12.0),
             Kind::Defocus30 => motion.uniform(26.0, 33.0),
+            Kind::Spoilt(Cause::OutOfFocus) => motion.log_uniform(spoil::DISC_PX.0, spoil::DISC_PX.1),
             _ => 0.0,
         };
         let mut sensor = if spec.kind == Kind::MultiExp { Sensor::sum_of_four() } else { Sensor::mean_of_four() };
@@ -82,8 +90,10 @@ impl Scene {
                 backdrop.glare = Some(Glare::covering(sky.uniform(0.2, 1.0), sky.angle(), sky.log_uniform(60.0, 600.0)));
             }
         }
-        Self {
-            path: draw_path(spec, &mut motion),
+        let path = draw_path(spec, &mut motion);
+        let mut scene = Self {
+            blur_px: diameter.max(length_px(&path, &optics)),
+            path,
             optics,
             attitude,
             psf: Psf::new(psf_sigma_px, diameter),
@@ -95,8 +105,20 @@ impl Scene {
             flaws: draw_flaws(spec),
             blank: (spec.kind == Kind::Blank).then(|| draw_blank(spec, &mut sky, &sensor)),
             sensor,
+            starlight: 1.0,
+            step_adu: 1,
+        };
+        if let Kind::Spoilt(cause) = spec.kind {
+            scene.spoil(cause, spec, &mut sky);
         }
+        scene
     }
+}
+
+/// Length of a path on the picture, px.
+fn length_px(path: &[(Vec3, f64)], optics: &Optics) -> f64 {
+    let turns = path.windows(2).map(|pair| pair.iter().map(|step| step.0).reduce(|a, b| b - a).map_or(0.0, |turn| turn.norm()));
+    turns.sum::<f64>() / optics.lens().platescale
 }
 
 fn draw_optics(spec: &RenderSpec) -> Optics {
@@ -106,10 +128,10 @@ fn draw_optics(spec: &RenderSpec) -> Optics {
     let lens = CameraModel {
         width: spec.width,
         height: spec.height,
-        platescale: dice.uniform(spec.platescale.0, spec.platescale.1),
+        platescale: dice.uniform(spec.platescale.0, spec.platescale.1) * spoil::platescale_factor(spec),
         k1: dice.uniform(-K1_MAX, K1_MAX),
         rows: spec.rows,
-        mirrored: spec.mirrored,
+        mirrored: spec.mirrored != (spec.kind == Kind::Spoilt(Cause::Mirrored)),
     };
     let (distance, angle) = (AXIS_OFFSET_PX * dice.uniform(0.0, 1.0).sqrt(), dice.angle());
     Optics::new(lens, (distance * libm::cos(angle), distance * libm::sin(angle)))
@@ -120,7 +142,8 @@ fn draw_attitude(kind: Kind, dice: &mut Dice) -> Attitude {
     let (low, high) = match kind {
         Kind::Defocus | Kind::Motion => (0.0, 30.0),
         Kind::Defocus30 => (0.0, 20.0),
-        Kind::Sparse => (70.0, 90.0),
+        Kind::Spoilt(Cause::OutOfFocus | Cause::Trailed) => (0.0, 10.0),
+        Kind::Sparse | Kind::Spoilt(Cause::TooFewStars) => (70.0, 90.0),
         Kind::Dense => (0.0, 4.0),
         _ => (0.0, 90.0),
     };
@@ -168,11 +191,13 @@ fn draw_path(spec: &RenderSpec, dice: &mut Dice) -> Vec<(Vec3, f64)> {
         Kind::Motion if dice.chance(0.5) => (dice.uniform(5.0, 30.0), 1),
         Kind::Motion => (dice.uniform(5.0, 30.0), dice.count(2, 4)),
         Kind::MultiExp => (dice.uniform(0.5, 6.0), 4),
+        Kind::Spoilt(Cause::Trailed) => (dice.uniform(spoil::TRAIL_PX.0, spoil::TRAIL_PX.1), spoil::draw_exposures(dice)),
         _ => return vec![(Vec3::zeros(), 1.0)],
     };
     let heading = dice.angle();
-    // Half of the paths are straight, the others turn by up to 100° in all.
-    let bend = if dice.chance(0.5) { 0.0 } else { dice.uniform(-1.75, 1.75) };
+    // Half of the paths are straight, the others turn by up to 100° in all; long trails by less.
+    let most = if spec.kind == Kind::Spoilt(Cause::Trailed) { spoil::BEND_RAD } else { 1.75 };
+    let bend = if dice.chance(0.5) { 0.0 } else { dice.uniform(-most, most) };
     let exposure_s = dice.uniform(EXPOSURE_S.0, EXPOSURE_S.1);
     let whole_s = exposures as f64 * exposure_s + (exposures - 1) as f64 * GAP_S;
     let per_exposure = steps(length_px * exposure_s / whole_s);
@@ -216,7 +241,8 @@ fn centred(turns: Vec<Vec3>) -> Vec<(Vec3, f64)> {
 /// Range of the sky over bias, in the mean of the exposures, ADU.
 fn sky_range_adu(kind: Kind, dice: &mut Dice) -> (f64, f64) {
     let dark = match kind {
-        Kind::Night => true,
+        Kind::Night | Kind::Spoilt(Cause::LensCovered) => true,
+        Kind::Spoilt(Cause::OutOfFocus | Cause::Trailed) => dice.chance(0.7),
         Kind::Defocus30 => dice.chance(0.5),
         Kind::NoStars => dice.chance(0.3),
         Kind::Saturated => dice.chance(0.1),
@@ -225,6 +251,7 @@ fn sky_range_adu(kind: Kind, dice: &mut Dice) -> (f64, f64) {
     match kind {
         _ if dark => DARK_SKY_ADU,
         Kind::Defocus30 => MEDIUM_SKY_ADU,
+        Kind::Spoilt(Cause::OutOfFocus | Cause::Trailed) => spoil::DUSK_SKY_ADU,
         _ => FLOAT_SKY_ADU,
     }
 }
@@ -233,7 +260,7 @@ fn draw_backdrop(spec: &RenderSpec, dice: &mut Dice, sensor: &Sensor) -> Backdro
     let (low, high) = sky_range_adu(spec.kind, dice);
     let sky_adu = dice.uniform(low, high) * sensor.sum_over_mean;
     let (width, height) = (spec.width as f64, spec.height as f64);
-    let wild = matches!(spec.kind, Kind::Gradient | Kind::NoStars);
+    let wild = matches!(spec.kind, Kind::Gradient | Kind::NoStars | Kind::Spoilt(Cause::TooManyArtefacts));
     let gradient = if wild { dice.uniform(0.25, 0.8) } else { dice.uniform(0.01, 0.08) };
     let mut backdrop = Backdrop { sky_adu, gradient, gradient_angle: dice.angle(), ..Backdrop::default() };
     backdrop.spots = draw_spots(7, &mut spec.camera_dice(Purpose::Sky), width, height);

@@ -92,7 +92,7 @@ pub(super) fn expose(spec: &RenderSpec, scene: &mut Scene, catalogue: &Catalogue
         let scatter = COLOUR_SCATTER_MAG * Dice::new(spec.camera.unwrap_or(spec.seed), 0, index as u64, Purpose::Star).normal();
         let overflow = scene.overflowing.filter(|(which, _)| *which == index).map_or(1.0, |(_, times)| times);
         let mean_flux = libm::pow(10.0, 0.4 * (ZERO_POINT_MAG - f64::from(star.mag) - scatter)) * overflow;
-        let flux_adu = mean_flux * scene.sensor.sum_over_mean;
+        let flux_adu = mean_flux * scene.sensor.sum_over_mean * scene.starlight;
         let x = path.iter().map(|step| step.0 * step.2).sum();
         let y = path.iter().map(|step| step.1 * step.2).sum();
         if overflow > 1.0 {
@@ -156,6 +156,8 @@ pub(super) fn judge(spec: &RenderSpec, scene: &Scene, catalogue: &Catalogue, ima
         must: scene.stars && stars_over_snr5 >= MUST_STARS && clipped_fraction < MUST_CLIPPED_BELOW,
         stars_over_snr5,
         clipped_fraction,
+        cause: spec.kind.cause(),
+        blur_px: scene.blur_px,
         psf_sigma_px: scene.psf_sigma_px,
         sky_adu: scene.backdrop.sky_adu,
         noise_adu: sensor.noise_adu(scene.backdrop.sky_adu),

@@ -1,6 +1,7 @@
 //! What a rendered frame shows, for those who judge a solution.
 
 use crate::sky::{ARCSEC, Attitude, DEG};
+use crate::solve::Cause;
 use serde::Serialize;
 
 use super::Kind;
@@ -30,6 +31,10 @@ pub struct Truth {
     pub stars_over_snr5: usize,
     /// Clipped pixels, fraction of the frame.
     pub clipped_fraction: f64,
+    /// What spoils the frame, where one thing does.
+    pub cause: Option<Cause>,
+    /// Diameter of the discs or length of the trails that stars are, px; nought where they are points.
+    pub blur_px: f64,
     /// Width of the point spread function, px.
     pub psf_sigma_px: f64,
     /// Sky at the picture's centre before dimming, ADU over bias.
@@ -83,6 +88,8 @@ impl Serialize for Truth {
             height: usize,
             stars_over_snr5: usize,
             clipped_fraction: f64,
+            cause: Option<Cause>,
+            blur_px: f64,
             psf_sigma_px: f64,
             sky_adu: f64,
             noise_adu: f64,
@@ -104,6 +111,8 @@ impl Serialize for Truth {
             height: self.size.1,
             stars_over_snr5: self.stars_over_snr5,
             clipped_fraction: self.clipped_fraction,
+            cause: self.cause,
+            blur_px: self.blur_px,
             psf_sigma_px: self.psf_sigma_px,
             sky_adu: self.sky_adu,
             noise_adu: self.noise_adu,

@@ -1,0 +1,104 @@
+//! From a frame that was not solved to the cause: collects the evidence that [`super::cause`] weighs.
+
+use super::cause::{Diagnosis, Evidence, SkyEvidence};
+use super::second_look::SecondLook;
+use super::solver::{Search, Solver, pattern_source};
+use super::verify::PatternSource;
+use super::{Cause, Outcome, Reason};
+use crate::image::Frame;
+use crate::sources::{Figure, Source};
+
+/// A source of a star's shape and of this confidence is worth a look; surely one, unless it is an artefact of that shape; and one that
+/// hardly any artefact of that shape is.
+const PLAUSIBLE: f64 = 4.0;
+const SURE: f64 = 5.0;
+const BRIGHT: f64 = 10.0;
+/// Stars at which the figure is looked at where none stands out widely.
+const LEAST_FOR_FIGURE: usize = 3;
+/// A figure with less noise than this needs no other, of its height.
+const CLEAR_NOISE: f64 = 0.06;
+
+/// The sharp sources of a frame that may be stars, the surest first.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Seen {
+    stars: Vec<Source>,
+}
+
+impl Seen {
+    /// Those among the sources found.
+    pub fn of(found: &[Source]) -> Self {
+        Self { stars: found.iter().filter(|source| source.star_like && source.confidence >= PLAUSIBLE).copied().collect() }
+    }
+
+    /// How many have a confidence.
+    fn count(&self, confidence: f64) -> usize {
+        self.stars.iter().filter(|star| star.confidence >= confidence).count()
+    }
+}
+
+impl Solver {
+    /// Names the cause of a frame that was searched and not solved.
+    pub(super) fn diagnose(&mut self, search: &Search<'_>, outcome: &mut Outcome) {
+        let open = matches!(outcome.reason, Reason::NoMatch | Reason::TooFewSources | Reason::Undecided | Reason::Requirement);
+        if !open || outcome.cause == Some(Cause::WrongPrior) || search.watch.stop().is_some() {
+            return;
+        }
+        let mut evidence = Evidence {
+            saturated_fraction: outcome.statistics.map_or(0.0, |statistics| statistics.saturated_fraction),
+            step_adu: outcome.statistics.map_or(0.0, |statistics| step_adu(search.frame, statistics.level)),
+            sky: SkyEvidence::of(&self.cells),
+            stars: self.seen.count(SURE),
+            ..Evidence::default()
+        };
+        if outcome.reason != Reason::Requirement && evidence.is_starry(self.seen.count(BRIGHT)) {
+            evidence.setting = self.second_look(search);
+        }
+        if evidence.setting.is_none() && !evidence.sky.is_clouded() {
+            evidence.figure = self.figure(search);
+        }
+        let diagnosis = evidence.weigh();
+        // A requirement that refused says enough, but for what makes a pointing poor.
+        let diagnosis = diagnosis.filter(|diagnosis| outcome.reason != Reason::Requirement || diagnosis.blur.is_some());
+        outcome.cause = diagnosis.as_ref().map(|diagnosis| diagnosis.cause);
+        if let Some(Diagnosis { detail, blur, .. }) = diagnosis {
+            outcome.blur = blur;
+            outcome.detail = format!("{}; {detail}", outcome.detail);
+        }
+    }
+
+    /// The figure that stars are: where something stands out widely, or where the sharp sources are.
+    fn figure(&mut self, search: &Search<'_>) -> Option<Figure> {
+        let wide = self.finder.figure(search.frame, &self.cells, &[]);
+        if self.seen.stars.len() < LEAST_FOR_FIGURE || wide.is_some_and(|figure| figure.noise <= CLEAR_NOISE) {
+            return wide;
+        }
+        let places: Vec<(f64, f64, f64)> = self.seen.stars.iter().map(|star| (star.x, star.y, star.snr)).collect();
+        let sharp = self.finder.figure(search.frame, &self.cells, &places);
+        [wide, sharp].into_iter().flatten().min_by(|a, b| a.noise.total_cmp(&b.noise))
+    }
+
+    /// Whether the stars would fit a pattern, were the settings other ones.
+    fn second_look(&self, search: &Search<'_>) -> Option<(Cause, String)> {
+        let field = self.field()?;
+        let context = self.context(search.frame, search.prior, search.watch, field);
+        let sources: Vec<PatternSource> = self.seen.stars.iter().map(|star| pattern_source(star, &context.camera)).collect();
+        let settings = &self.settings().solver;
+        let only_near = context.circles.first().filter(|_| settings.prior_veto).map(|circle| circle.centre);
+        SecondLook { field, sources: &sources, geometry: &context.geometry, settings, only_near, watch: search.watch }.cause()
+    }
+}
+
+/// Typical distance of the values within a range from each other, by every few pixels, ADU.
+fn step_adu(frame: &Frame, (low, high): (u16, u16)) -> f64 {
+    /// One pixel of so many is looked at: no divisor of a row's length, so that all columns have their turn.
+    const STRIDE: usize = 13;
+    let mut there = vec![false; usize::from(high.saturating_sub(low)) + 1];
+    for &pixel in frame.pixels.iter().step_by(STRIDE) {
+        if let Some(seen) = there.get_mut(usize::from(pixel.wrapping_sub(low))) {
+            *seen = true;
+        }
+    }
+    let (first, last) = (there.iter().position(|seen| *seen), there.iter().rposition(|seen| *seen));
+    let values = there.iter().filter(|seen| **seen).count();
+    first.zip(last).filter(|_| values > 1).map_or(0.0, |(first, last)| (last - first) as f64 / (values - 1) as f64)
+}
