@@ -7,6 +7,7 @@ use stars::catalog::{Catalogue, CatalogueHeader, Star};
 use stars::image;
 use stars::simulate::sky::{Kind, RenderSpec, Rendered, render};
 use stars::sky::{ARCSEC, Attitude, CameraModel, DEG, RowOrder, Vec3, ra_dec, separation};
+use stars::solve::Cause;
 use std::path::Path;
 use std::process::Command;
 
@@ -78,7 +79,8 @@ fn the_same_seed_gives_the_same_bytes_and_another_gives_others() {
     for kind in Kind::ALL {
         let first = render(&small(kind, 5, 0), &catalogue).unwrap();
         assert_eq!(first, render(&small(kind, 5, 0), &catalogue).unwrap(), "{kind}");
-        if kind != Kind::Blank {
+        // What is clipped everywhere, or one value, looks alike.
+        if ![Kind::Blank, Kind::Spoilt(Cause::Overexposed)].contains(&kind) {
             assert_ne!(first.frame.pixels, render(&small(kind, 5, 1), &catalogue).unwrap().frame.pixels, "{kind}");
             assert_ne!(first.frame.pixels, render(&small(kind, 6, 0), &catalogue).unwrap().frame.pixels, "{kind}");
         }

@@ -90,7 +90,7 @@ impl Evidence {
             let detail = format!("{:.0} % of the pixels are saturated", percent(self.saturated_fraction));
             return Some(Diagnosis::new(Cause::Saturated, detail));
         }
-        if let Some(blurred) = self.figure.as_ref().and_then(blurred) {
+        if let Some(blurred) = self.figure.as_ref().and_then(|figure| blurred(figure, self.stars)) {
             return Some(blurred);
         }
         if sky.spread <= DARK_SPREAD && self.stars <= DARK_STARS {
@@ -137,22 +137,23 @@ const FAINT_NOISE: f64 = 0.22;
 /// What a figure must stand out by if nothing else in the frame is like it, or if it is faint: noise alone reaches 6.
 const LONE_SNR: f64 = 6.5;
 const FAINT_SNR: f64 = 7.0;
-/// A figure narrower than this is a point, px.
+/// A figure narrower than this is no disc, and no unbroken trail, px.
 const POINT_PX: f64 = 3.0;
 /// A trail is so many times as long as wide, by half widths and by its reach; one of points by its reach alone, px, and where several are there.
 const TRAIL_LONG: f64 = 2.0;
 const TRAIL_REACH: f64 = 4.0;
 const SHORTEST_TRAIL_PX: f64 = 12.0;
-const LEAST_ROWS: usize = 4;
 /// Beyond this the end of a trail is not seen: it may be a satellite's, px.
 const LONGEST_TRAIL_PX: f64 = 102.0;
 /// A disc's autocorrelation ends between these parts of the lag at which it falls to half: what falls off otherwise is glow or cloud.
 const DISC_END: (f64, f64) = (1.1, 2.3);
+/// Sharp sources that chance leaves among discs.
+const SHARP_AMID_DISCS: usize = 2;
 /// A disc is round.
 const DISC_LONG: f64 = 1.45;
 
 /// The diagnosis of a figure that is no point.
-fn blurred(figure: &Figure) -> Option<Diagnosis> {
+fn blurred(figure: &Figure, stars: usize) -> Option<Diagnosis> {
     let several = figure.alike >= 2;
     let clear = figure.noise <= CLEAR_NOISE && (several && 3 * figure.alike >= figure.count || figure.snr >= LONE_SNR);
     let faint = figure.noise <= FAINT_NOISE && several && 2 * figure.alike >= figure.count && figure.snr >= FAINT_SNR;
@@ -160,17 +161,21 @@ fn blurred(figure: &Figure) -> Option<Diagnosis> {
         return None;
     }
     let (long, short, reach) = (figure.long_px, figure.short_px, figure.reach_px);
-    // A row of points must be seen several times: two stars are near each other by chance.
-    let row = long <= 2.0 * POINT_PX && figure.alike >= LEAST_ROWS;
-    let trail = reach >= SHORTEST_TRAIL_PX.max(TRAIL_REACH * short) && (long >= TRAIL_LONG * short || row);
+    let trail = if figure.is_narrow() {
+        figure.row_px >= SHORTEST_TRAIL_PX.max(TRAIL_REACH * short)
+    } else {
+        long >= TRAIL_LONG * short && reach >= TRAIL_REACH * short
+    };
     let (size_px, angle) = figure.trail();
     if trail && size_px <= LONGEST_TRAIL_PX {
         let detail = format!("stars are trailed by about {size_px:.0} px at {:.0}°", angle.to_degrees());
         return Some(Diagnosis { blur: Some(Blur { size_px, angle: Some(angle) }), ..Diagnosis::new(Cause::Trailed, detail) });
     }
     let half = figure.mean_px;
-    let disc =
-        half > POINT_PX && figure.elongation < DISC_LONG && (DISC_END.0 * half..DISC_END.1 * half).contains(&figure.end_px);
+    let disc = stars <= SHARP_AMID_DISCS
+        && half > POINT_PX
+        && figure.elongation < DISC_LONG
+        && (DISC_END.0 * half..DISC_END.1 * half).contains(&figure.end_px);
     disc.then(|| {
         let size_px = figure.disc_px();
         let detail = format!("stars are discs of about {size_px:.0} px across");
@@ -288,8 +293,10 @@ mod tests {
             elongation: 1.1,
             end_px: 4.0,
             reach_px: 3.5,
+            row_px: 3.5,
             long_angle: 0.0,
             reach_angle: 0.0,
+            row_angle: 0.0,
             noise: 0.03,
             bin_px: 2.0,
         }
@@ -337,7 +344,7 @@ mod tests {
             (Evidence { saturated_fraction: 0.5, ..clear() }, Cause::Saturated),
             (Evidence { step_adu: 16.0, ..clear() }, Cause::NoContrast),
             (Evidence { stars: 3, ..clear() }, Cause::TooFewStars),
-            (Evidence { figure: Some(discs()), ..clear() }, Cause::OutOfFocus),
+            (Evidence { figure: Some(discs()), stars: 1, ..clear() }, Cause::OutOfFocus),
             (Evidence { figure: Some(trails()), ..clear() }, Cause::Trailed),
             (with_sky(|sky| sky.flat = 0.5), Cause::NoContrast),
             (with_sky(|sky| sky.spiky = 0.2), Cause::TooManyArtefacts),
@@ -351,7 +358,7 @@ mod tests {
     #[test]
     fn a_blur_has_its_size_and_says_it() {
         let blur = |figure: Figure| {
-            let diagnosis = blurred(&figure).unwrap();
+            let diagnosis = blurred(&figure, 0).unwrap();
             (diagnosis.blur.unwrap(), diagnosis.detail)
         };
         let (disc, detail) = blur(discs());
@@ -361,20 +368,21 @@ mod tests {
         assert!((trail.size_px - 60.0).abs() < 1.0 && trail.angle == Some(1.0), "{trail:?}");
         assert_eq!(detail, "stars are trailed by about 60 px at 57°");
         // A row of points: narrow, and as long as it reaches.
-        let (row, _) = blur(Figure { reach_px: 46.0, reach_angle: 0.5, ..points() });
+        let (row, _) = blur(Figure { row_px: 46.0, row_angle: 0.5, ..points() });
         assert!((row.size_px - 46.0).abs() < 1.0 && row.angle == Some(0.5), "{row:?}");
     }
 
     #[test]
     fn what_cannot_be_told_from_noise_is_no_blur() {
         for figure in [discs(), trails()] {
-            assert!(blurred(&Figure { noise: 0.3, ..figure }).is_none());
-            assert!(blurred(&Figure { alike: 1, snr: 6.0, ..figure }).is_none());
+            assert!(blurred(&Figure { noise: 0.3, ..figure }, 0).is_none());
+            assert!(blurred(&Figure { alike: 1, snr: 6.0, ..figure }, 0).is_none());
         }
-        // A satellite, a chance row of two stars, and a glow.
-        assert!(blurred(&Figure { long_px: 96.0, reach_px: 96.0, ..trails() }).is_none());
-        assert!(blurred(&Figure { reach_px: 46.0, alike: 2, count: 2, ..points() }).is_none());
-        assert!(blurred(&Figure { end_px: 90.0, ..discs() }).is_none());
+        // A satellite, a chance row of two stars, a glow, and discs amid sharp stars.
+        assert!(blurred(&Figure { long_px: 96.0, reach_px: 96.0, ..trails() }, 0).is_none());
+        assert!(blurred(&Figure { reach_px: 46.0, count: 2, ..points() }, 0).is_none());
+        assert!(blurred(&Figure { end_px: 90.0, ..discs() }, 0).is_none());
+        assert!(blurred(&discs(), 9).is_none());
     }
 
     #[test]

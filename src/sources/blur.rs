@@ -39,12 +39,15 @@ const STEP: f64 = 0.25;
 const PROFILE_STEPS: usize = (LAGS as f64 / STEP) as usize;
 /// A figure narrower than this is measured in a finer picture, samples.
 const FINER_BELOW: f64 = 2.5;
-/// Where an autocorrelation ends, of its height: of few figures, and of so many that their median has nothing of single ones; and above its
-/// own noise, σ.
+/// Where an autocorrelation ends, of its height: the median of few figures, that of many, and what all of many but a share have, each
+/// counting alike; and above its own noise, σ.
 const END: f32 = 0.18;
 const END_OF_MANY: f32 = 0.1;
-const MANY: usize = 4;
-const END_SIGMAS: f32 = 4.0;
+const END_OF_ROW: f32 = 0.07;
+const SHARED: f32 = 0.35;
+const EQUAL: f32 = f32::MIN_POSITIVE;
+const MANY: usize = 6;
+const END_SIGMAS: f32 = 6.0;
 
 /// The figure that the frame's stars have in common.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,12 +68,16 @@ pub struct Figure {
     pub elongation: f64,
     /// Lag at which it ends, where it is longest, px: the length of a trail with or without gaps.
     pub reach_px: f64,
+    /// The same of what most of the figures share, where there are enough to tell: of a row of points, its length. Else nought.
+    pub row_px: f64,
     /// Lag at which it ends first along the direction in which it is widest, px: of a disc, a part of the diameter.
     pub end_px: f64,
-    /// The directions in which it is widest, and in which it reaches furthest, from x towards y, rad.
+    /// The directions in which it is widest, in which it reaches furthest, and in which the row does, from x towards y, rad.
     pub long_angle: f64,
     /// As above.
     pub reach_angle: f64,
+    /// As above.
+    pub row_angle: f64,
     /// Noise of the autocorrelation, of its height.
     pub noise: f64,
     /// Side of the samples that its widths were measured in, px.
@@ -81,10 +88,10 @@ pub struct Figure {
 /// diameter.
 const WIDENED: f64 = 0.4;
 const HALF_OF_DISC: f64 = 0.404;
-/// A trail that reaches further than so many half widths has gaps; narrower than this it is one of its pieces, px; and beyond this its end
-/// is not seen, px.
+/// A trail that reaches further than so many half widths has gaps, unless it reaches so far that its end is not seen, px; and a figure of
+/// so small a half width is a point, px.
 const BROKEN: f64 = 2.3;
-const SHORTEST_UNBROKEN_PX: f64 = 10.0;
+const WIDEST_POINT_PX: f64 = 6.0;
 const LONGEST_REACH_PX: f64 = 94.0;
 
 impl Figure {
@@ -95,14 +102,19 @@ impl Figure {
 
     /// Length, px, and direction, if it is a trail: an unbroken one by its half width, one with gaps by its reach.
     pub fn trail(&self) -> (f64, f64) {
-        let unbroken = 2.0 * (self.long_px - WIDENED * self.bin_px);
-        if self.is_unbroken() { (unbroken, self.long_angle) } else { (self.reach_px, self.reach_angle) }
+        let gaps_end = BROKEN * self.long_px..LONGEST_REACH_PX;
+        if self.is_narrow() {
+            (self.row_px, self.row_angle)
+        } else if gaps_end.contains(&self.reach_px) {
+            (self.reach_px, self.reach_angle)
+        } else {
+            (2.0 * (self.long_px - WIDENED * self.bin_px), self.long_angle)
+        }
     }
 
-    /// Whether it has no light beyond what its half width explains, or none whose end is seen.
-    fn is_unbroken(&self) -> bool {
-        let explained = BROKEN * self.long_px;
-        self.long_px >= SHORTEST_UNBROKEN_PX && !(explained..LONGEST_REACH_PX).contains(&self.reach_px)
+    /// Whether it is, or consists of, points.
+    pub fn is_narrow(&self) -> bool {
+        self.long_px <= WIDEST_POINT_PX
     }
 }
 
@@ -128,10 +140,15 @@ pub(super) fn figure(halved: &[Plane], cells: &CellStatistics, given: &[(f64, f6
     let mut figure: Option<Figure> = None;
     for scale in (1..=SEARCH_SCALE).rev() {
         let mut found = measure(halved.get(scale - 1)?, scale, &places, &sky, cells)?;
-        // A row of points is narrow, and yet as long as the wider windows say.
         let finer_below = FINER_BELOW * (2 << scale) as f64;
-        if let Some(wider) = figure.filter(|wider| wider.reach_px >= finer_below) {
-            (found.reach_px, found.reach_angle) = (wider.reach_px, wider.reach_angle);
+        // A row of points is narrow, and yet as long as the wider windows say.
+        if let Some(wider) = figure {
+            if wider.reach_px >= finer_below {
+                (found.reach_px, found.reach_angle) = (wider.reach_px, wider.reach_angle);
+            }
+            if wider.row_px >= finer_below {
+                (found.row_px, found.row_angle) = (wider.row_px, wider.row_angle);
+            }
         }
         figure = Some(found);
         if found.long_px >= 0.5 * finer_below {
@@ -244,11 +261,14 @@ fn measure(plane: &Plane, scale: usize, places: &[Place], sky: &Sky, cells: &Cel
     // None counts for more than the third brightest.
     const THIRD: usize = 2;
     let most = all.get(THIRD.min(all.len().wrapping_sub(1)))?.1;
-    let common = Autocorrelation::median_of(&all, most).normalised()?;
+    let common = Autocorrelation::quantile_of(&all, 0.5, most).normalised()?;
     let alike = all.iter().filter(|(one, _)| one.is_like(&common)).count();
-    let bin = (1 << scale) as f64;
+    let many = all.len() >= MANY;
     let Extents { long, short, mean, elongation, end, reach, long_angle, reach_angle } =
-        common.extents(if alike >= MANY { END_OF_MANY } else { END });
+        common.extents(if many { END_OF_MANY } else { END });
+    // Of many, what most of them have.
+    let row = if many { Autocorrelation::quantile_of(&all, SHARED, EQUAL).extents(END_OF_ROW) } else { Extents::default() };
+    let bin = (1 << scale) as f64;
     Some(Figure {
         count: all.len(),
         alike,
@@ -259,8 +279,10 @@ fn measure(plane: &Plane, scale: usize, places: &[Place], sky: &Sky, cells: &Cel
         elongation,
         end_px: bin * end,
         reach_px: bin * reach,
+        row_px: bin * row.reach,
         long_angle,
         reach_angle,
+        row_angle: row.reach_angle,
         noise: f64::from(common.noise()),
         bin_px: bin,
     })
@@ -284,6 +306,7 @@ fn window(plane: &Plane, x: usize, y: usize, slope: (f32, f32), noise: f32) -> V
 }
 
 /// Extents of an autocorrelation as in [`Figure`], samples.
+#[derive(Default)]
 struct Extents {
     long: f64,
     short: f64,
@@ -346,8 +369,8 @@ impl Autocorrelation {
         (height > 0.0).then(|| Self(self.0.iter().map(|value| value / height).collect()))
     }
 
-    /// Lag by lag the median, each with its weight, or `most` where that is less.
-    fn median_of(all: &[(Self, f32)], most: f32) -> Self {
+    /// Lag by lag the value below which lies a share of the weights, each with its weight, or `most` where that is less.
+    fn quantile_of(all: &[(Self, f32)], share: f32, most: f32) -> Self {
         let whole: f32 = all.iter().map(|(_, weight)| weight.min(most)).sum();
         let mut column: Vec<(f32, f32)> = Vec::with_capacity(all.len());
         Self(
@@ -359,7 +382,7 @@ impl Autocorrelation {
                     let mut passed = 0.0;
                     let middle = column.iter().find(|(_, weight)| {
                         passed += weight;
-                        passed >= 0.5 * whole
+                        passed >= share * whole
                     });
                     middle.map_or(0.0, |(value, _)| *value)
                 })
@@ -471,7 +494,8 @@ mod tests {
     fn figure_of(shape: impl Fn(f64, f64) -> f64) -> Option<Figure> {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(5);
         let (width, height) = (768, 512);
-        let places = [(120.0, 110.0), (400.0, 130.0), (610.0, 380.0), (260.0, 350.0), (480.0, 290.0)];
+        let places =
+            [(120.0, 110.0), (400.0, 130.0), (610.0, 380.0), (260.0, 350.0), (480.0, 290.0), (650.0, 120.0), (120.0, 430.0)];
         let mut pixels = vec![0; width * height];
         for (n, pixel) in pixels.iter_mut().enumerate() {
             let (x, y) = ((n % width) as f64, (n / width) as f64);
@@ -492,7 +516,7 @@ mod tests {
         for diameter in [24.0, 40.0, 64.0] {
             let figure = figure_of(|x, y| if x.hypot(y) < 0.5 * diameter { 12.0 } else { 0.0 }).unwrap();
             assert!((figure.disc_px() / diameter - 1.0).abs() < 0.1, "{diameter}: {} {figure:?}", figure.disc_px());
-            assert!(figure.elongation < 1.3 && figure.alike == 5, "{figure:?}");
+            assert!(figure.elongation < 1.3 && figure.alike == 7, "{figure:?}");
         }
     }
 

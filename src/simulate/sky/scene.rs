@@ -142,7 +142,9 @@ fn draw_attitude(kind: Kind, dice: &mut Dice) -> Attitude {
     let (low, high) = match kind {
         Kind::Defocus | Kind::Motion => (0.0, 30.0),
         Kind::Defocus30 => (0.0, 20.0),
-        Kind::Spoilt(Cause::OutOfFocus | Cause::Trailed) => (0.0, 10.0),
+        Kind::Spoilt(Cause::OutOfFocus) => (0.0, 10.0),
+        // Trails are solved where there are many.
+        Kind::Spoilt(Cause::Trailed) => (10.0, 30.0),
         Kind::Sparse | Kind::Spoilt(Cause::TooFewStars) => (70.0, 90.0),
         Kind::Dense => (0.0, 4.0),
         _ => (0.0, 90.0),
@@ -241,8 +243,8 @@ fn centred(turns: Vec<Vec3>) -> Vec<(Vec3, f64)> {
 /// Range of the sky over bias, in the mean of the exposures, ADU.
 fn sky_range_adu(kind: Kind, dice: &mut Dice) -> (f64, f64) {
     let dark = match kind {
-        Kind::Night | Kind::Spoilt(Cause::LensCovered) => true,
-        Kind::Spoilt(Cause::OutOfFocus | Cause::Trailed) => dice.chance(0.7),
+        Kind::Night | Kind::Spoilt(Cause::LensCovered | Cause::Trailed) => true,
+        Kind::Spoilt(Cause::OutOfFocus) => dice.chance(0.7),
         Kind::Defocus30 => dice.chance(0.5),
         Kind::NoStars => dice.chance(0.3),
         Kind::Saturated => dice.chance(0.1),
@@ -251,7 +253,7 @@ fn sky_range_adu(kind: Kind, dice: &mut Dice) -> (f64, f64) {
     match kind {
         _ if dark => DARK_SKY_ADU,
         Kind::Defocus30 => MEDIUM_SKY_ADU,
-        Kind::Spoilt(Cause::OutOfFocus | Cause::Trailed) => spoil::DUSK_SKY_ADU,
+        Kind::Spoilt(Cause::OutOfFocus) => spoil::DUSK_SKY_ADU,
         _ => FLOAT_SKY_ADU,
     }
 }

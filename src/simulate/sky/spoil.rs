@@ -11,7 +11,7 @@ use std::f64::consts::PI;
 /// Discs too large, and trails too long, to be solved in most frames, px.
 pub(super) const DISC_PX: (f64, f64) = (34.0, 64.0);
 pub(super) const TRAIL_PX: (f64, f64) = (45.0, 90.0);
-/// Some of these have a dark sky, and the others one that lets some of so large figures still be seen, ADU over bias.
+/// Most discs have a dark sky, and the others one on which some of so large figures are still seen, ADU over bias.
 pub(super) const DUSK_SKY_ADU: (f64, f64) = (60.0, 100.0);
 /// Most that a long trail turns by: the gondola turns steadily.
 pub(super) const BEND_RAD: f64 = 0.5;
