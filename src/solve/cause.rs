@@ -144,7 +144,7 @@ const TRAIL_LONG: f64 = 2.0;
 const TRAIL_REACH: f64 = 4.0;
 const SHORTEST_TRAIL_PX: f64 = 12.0;
 /// Beyond this the end of a trail is not seen: it may be a satellite's, px.
-const LONGEST_TRAIL_PX: f64 = 102.0;
+const LONGEST_TRAIL_PX: f64 = 110.0;
 /// A disc's autocorrelation ends between these parts of the lag at which it falls to half: what falls off otherwise is glow or cloud.
 const DISC_END: (f64, f64) = (1.1, 2.3);
 /// Sharp sources that chance leaves among discs.
@@ -160,11 +160,11 @@ fn blurred(figure: &Figure, stars: usize) -> Option<Diagnosis> {
     if !clear && !faint {
         return None;
     }
-    let (long, short, reach) = (figure.long_px, figure.short_px, figure.reach_px);
+    let (long, short) = (figure.long_px, figure.short_px);
     let trail = if figure.is_narrow() {
         figure.row_px >= SHORTEST_TRAIL_PX.max(TRAIL_REACH * short)
     } else {
-        long >= TRAIL_LONG * short && reach >= TRAIL_REACH * short
+        long >= TRAIL_LONG * short && figure.end_px >= TRAIL_REACH * short
     };
     let (size_px, angle) = figure.trail();
     if trail && size_px <= LONGEST_TRAIL_PX {
@@ -310,12 +310,13 @@ mod tests {
     /// The figure of trails of 60 px.
     fn trails() -> Figure {
         Figure {
-            long_px: 33.0,
+            long_px: 30.0,
             short_px: 5.0,
             mean_px: 10.0,
             elongation: 4.0,
             reach_px: 54.0,
             long_angle: 1.0,
+            end_px: 52.0,
             bin_px: 8.0,
             ..points()
         }

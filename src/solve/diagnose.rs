@@ -69,12 +69,19 @@ impl Solver {
     /// The figure that stars are: where something stands out widely, or where the sharp sources are.
     fn figure(&mut self, search: &Search<'_>) -> Option<Figure> {
         let wide = self.finder.figure(search.frame, &self.cells, &[]);
-        if self.seen.stars.len() < LEAST_FOR_FIGURE || wide.is_some_and(|figure| figure.noise <= CLEAR_NOISE) {
+        if self.seen.stars.len() < LEAST_FOR_FIGURE
+            || wide.is_some_and(|figure| figure.noise <= CLEAR_NOISE && !figure.is_narrow())
+        {
             return wide;
         }
         let places: Vec<(f64, f64, f64)> = self.seen.stars.iter().map(|star| (star.x, star.y, star.snr)).collect();
         let sharp = self.finder.figure(search.frame, &self.cells, &places);
-        [wide, sharp].into_iter().flatten().min_by(|a, b| a.noise.total_cmp(&b.noise))
+        match (wide, sharp) {
+            // Whether points are in rows, more of them tell better.
+            (Some(wide), Some(sharp)) if wide.is_narrow() && sharp.count <= wide.count => Some(wide),
+            (Some(wide), Some(sharp)) if !wide.is_narrow() && wide.noise <= sharp.noise => Some(wide),
+            (wide, sharp) => sharp.or(wide),
+        }
     }
 
     /// Whether the stars would fit a pattern, were the settings other ones.

@@ -108,7 +108,7 @@ impl Figure {
         } else if gaps_end.contains(&self.reach_px) {
             (self.reach_px, self.reach_angle)
         } else {
-            (2.0 * (self.long_px - WIDENED * self.bin_px), self.long_angle)
+            (2.0 * self.long_px, self.long_angle)
         }
     }
 
@@ -440,7 +440,8 @@ impl Autocorrelation {
         const ACROSS: [f64; 5] = [-1.0, -0.5, 0.0, 0.5, 1.0];
         let (sin, cos) = angle_of(direction).sin_cos();
         let sum = |r: f64| ACROSS.iter().map(|t| self.at(r * cos - t * sin, r * sin + t * cos)).sum::<f32>();
-        let height = sum(0.0).max(f32::MIN_POSITIVE);
+        // At no lag there is what is left of the noise, or too little.
+        let height = sum(0.0).max(sum(1.0)).max(f32::MIN_POSITIVE);
         (0..=PROFILE_STEPS).map(|step| sum(step as f64 * STEP) / height).collect()
     }
 
