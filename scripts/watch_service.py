@@ -24,9 +24,9 @@ from score import Verdict, errors_arcsec, percentile
 # Interval of updates, s, and how late one may be.
 PERIOD_S = 0.5
 LATE_S = 0.050
-# A frame this often keeps the solver busy, s: sooner than it can solve one. No whole number of them fits between two updates, or a
+# A frame this often keeps the solver busy, s. No whole number of them fits between two updates, or a
 # solver that skips none would show each update the same one of two images again.
-BUSY_PERIOD_S = 0.00213
+BUSY_PERIOD_S = 0.00413
 # Updates during which a frame must be under way, so that the solver counts as busy.
 BUSY_FRACTION = 0.5
 
@@ -158,6 +158,9 @@ def judge_computer(verdict, computer, truths, seconds):
     verdict(f"{name}: solver busy in {BUSY_FRACTION:.0%} of the updates or more", f"{busy:.0%}", busy >= BUSY_FRACTION)
     missing = last["sequence"] - updates[0][1]["sequence"] + 1 - len(updates)
     expected = math.floor(0.95 * seconds / PERIOD_S)
+    too_late = [f"{update['sequence']} by {1e3 * by:.0f} ms" for by, (_, update) in zip(late, updates) if by > LATE_S]
+    if too_late:
+        print(f"{name}: {len(too_late)} too late, the first: update {', '.join(too_late[:5])}")
     verdict(f"{name}: no update late by more than {1e3 * LATE_S:.0f} ms", f"worst {1e3 * max(late):.1f} ms", max(late) <= LATE_S)
     verdict(f"{name}: all updates of {seconds:.0f} s", f"{len(updates)}, {missing} missing", missing == 0 and len(updates) >= expected)
     connections = sum(1 for _, line in computer.lines if line["kind"] == "connected")

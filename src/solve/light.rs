@@ -8,7 +8,7 @@ use super::refine::moved;
 use super::solver::{Context, Solver};
 use super::verify::{Assigned, PatternSource, project_stars};
 use crate::catalog::FieldStar;
-use crate::sources::{KnownStar, Light, PlacedStar};
+use crate::sources::{KnownStar, Light, PlacedStar, REACH_PX};
 
 /// Stars are looked at for pieces where fewer of the sources tried than this are catalogued stars, or where they are wider than this.
 const WHOLE_STARS_FRACTION: f64 = 0.75;
@@ -30,6 +30,8 @@ const WORST_RMS_PX: f64 = 2.0;
 /// the rms (from rendered trails in pieces).
 const POOR_CHI2: f64 = 4.0;
 const POOR_OF_RMS: f64 = 0.5;
+/// Pieces of a star's light nearer than this are seen together, px.
+pub const SEEN_PX: f64 = 0.75 * REACH_PX;
 /// Times that light and pose are measured in turn, and that stars are left out.
 const ROUNDS: usize = 2;
 const CLIP_ROUNDS: usize = 3;
@@ -188,6 +190,7 @@ fn fit_placed(
     // Stars that scatter more than their σ say show that the template is not quite theirs; its middle is as much less sure.
     let scatter_sq = fit.chi2_per_dof();
     let misfit_px = if scatter_sq > POOR_CHI2 { POOR_OF_RMS * rms_px } else { 0.0 };
-    let sigma_px = (light.sigma * scatter_sq.sqrt().max(1.0)).max(misfit_px);
+    let cut_px = if light.cut { REACH_PX } else { 0.0 };
+    let sigma_px = (light.sigma * scatter_sq.sqrt().max(1.0)).max(misfit_px).max(cut_px);
     Some(Anew { fit, matches, placed, sigma_px })
 }

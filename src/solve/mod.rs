@@ -6,6 +6,7 @@
 //! Who has sources already, and no frame, uses the match alone: [`PatternSearch`].
 
 mod cause;
+mod copies;
 mod diagnose;
 mod fit;
 mod light;

@@ -1,7 +1,8 @@
 //! The solver: one frame in, one outcome out.
 
+use super::copies::nearest_copy;
 use super::diagnose::Seen;
-use super::light::{LightFit, fit_by_light};
+use super::light::{LightFit, SEEN_PX, fit_by_light};
 use super::pattern::{PatternSearch, SearchEnd, SearchRules, SearchTally};
 use super::refine::{refine, solution_of};
 use super::requirements::{self, Circle};
@@ -449,6 +450,7 @@ impl Solver {
         let (mut fit, mut matches) = refine(all, &found.pose, &found.matches, field, &self.catalogue, geometry, years)?;
         let mut all = all.to_vec();
         let tried = all.len().min(self.settings.solver.sources.max_sources as usize);
+        let copy_px = nearest_copy(&all, &matches, SEEN_PX).unwrap_or(0.0);
         let common_px = match fit_by_light(self, context, &fit, &matches, &mut all, tried, years) {
             LightFit::AsFound { doubt_px } => doubt_px,
             LightFit::Anew(anew) => {
@@ -471,6 +473,8 @@ impl Solver {
         // Matches that lie so far off are of several kinds of pieces: where the stars are is not known better than that.
         let common_px =
             if solution.rms_px > WORST_RMS_PX * (1 << context.scale) as f64 { common_px.max(solution.rms_px) } else { common_px };
+        // Stars that are there again, moved: which of the pieces is the middle one nobody knows.
+        let common_px = common_px.max(copy_px);
         // What all sources have in common moves the boresight alone.
         let variance = (common_px * solution.platescale).powi(2);
         solution.covariance += Mat3::from_diagonal(&Vec3::new(variance, variance, 0.0));

@@ -13,6 +13,8 @@ use nalgebra::{Matrix4, Vector4};
 /// Pixels along a bin: the picture halved once. Bins from the middle to the border: trails and discs of 30 px and more fit.
 pub const BIN_PX: usize = 2;
 const REACH: usize = 18;
+/// The same, px.
+pub const REACH_PX: f64 = (REACH * BIN_PX) as f64;
 const SIDE: usize = 2 * REACH + 1;
 const N: usize = SIDE * SIDE;
 /// Bins at the border from which the sky under a star is taken.
@@ -73,6 +75,8 @@ pub struct Light {
     pub axes: (f64, f64),
     /// Too few stars are bright enough to tell whether all of this light is theirs.
     pub doubtful: bool,
+    /// It comes near the border of what is looked at, and may go on beyond: the middle may be anywhere within [`REACH_PX`].
+    pub cut: bool,
 }
 
 impl Light {
@@ -172,6 +176,7 @@ impl Light {
             sigma: bin * f64::from(sigma / total) * (0.5 * spread).sqrt(),
             axes: (bin * (mean + half).max(0.0).sqrt(), bin * (mean - half).max(0.0).sqrt()),
             doubtful,
+            cut: (0..N).any(|n| lit[n] && !is_clear_of_rim(n)),
         })
     }
 
@@ -338,6 +343,13 @@ fn weighted_median(values: &mut [(f32, f32)]) -> f32 {
 fn is_inner(n: usize) -> bool {
     let (x, y) = (n % SIDE, n / SIDE);
     x > 0 && y > 0 && x + 1 < SIDE && y + 1 < SIDE
+}
+
+/// A bin further in than those from which the sky is taken.
+fn is_clear_of_rim(n: usize) -> bool {
+    let (x, y) = (n % SIDE, n / SIDE);
+    let inside = RIM + 1..SIDE - RIM - 1;
+    inside.contains(&x) && inside.contains(&y)
 }
 
 /// An inner bin and its eight neighbours.

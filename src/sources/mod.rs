@@ -17,4 +17,4 @@ mod trails;
 pub use blur::Figure;
 pub use finder::{Finder, Look, Source};
 pub use kernel::SearchKernel;
-pub use light::{KnownStar, Light, PlacedStar};
+pub use light::{KnownStar, Light, PlacedStar, REACH_PX};

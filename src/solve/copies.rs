@@ -1,0 +1,67 @@
+//! A second copy of the sky in one frame: stars that a series of exposures drew in pieces further apart than their light is looked at.
+//!
+//! The pattern of one piece of every star solves as well as one of whole stars, and points where the camera did during that piece
+//! alone. What gives it away is that the same stars are there again, all moved by the same way.
+
+use super::verify::{Assigned, PatternSource};
+
+/// Copies are looked for up to this distance, px: a gondola that moves faster leaves nothing to be found.
+const FURTHEST_PX: f64 = 200.0;
+/// Ways that differ by less are the same, px.
+const SAME_PX: f64 = 3.0;
+/// Stars that must be there again: this part of those matched, and no fewer than this.
+const SHARE: f64 = 0.3;
+const LEAST: usize = 4;
+
+/// How far the nearest copy of the matched stars lies, px, beyond `nearest_px`; `None` where there is none.
+pub fn nearest_copy(sources: &[PatternSource], matches: &[Assigned], nearest_px: f64) -> Option<f64> {
+    let is_matched = |index: usize| matches.iter().any(|m| m.source == index);
+    let others: Vec<&PatternSource> = sources.iter().enumerate().filter(|&(i, _)| !is_matched(i)).map(|(_, s)| s).collect();
+    let stars = matches.iter().filter_map(|m| sources.get(m.source));
+    let way = |star: &PatternSource, other: &PatternSource| (other.left - star.left, other.up - star.up);
+    let ways: Vec<(f64, f64)> = stars
+        .flat_map(|star| others.iter().map(move |other| way(star, other)))
+        .filter(|w| (nearest_px..FURTHEST_PX).contains(&w.0.hypot(w.1)))
+        .collect();
+    let least = ((SHARE * matches.len() as f64).ceil() as usize).max(LEAST);
+    let shared = |w: &&(f64, f64)| ways.iter().filter(|v| (v.0 - w.0).hypot(v.1 - w.1) < SAME_PX).count() >= least;
+    ways.iter().filter(shared).map(|w| w.0.hypot(w.1)).min_by(f64::total_cmp)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{Rng, SeedableRng};
+
+    /// Places all over a picture, px.
+    fn places(seed: u64, count: usize) -> Vec<(f64, f64)> {
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+        (0..count).map(|_| (1536.0 * random.random::<f64>() - 768.0, 1024.0 * random.random::<f64>() - 512.0)).collect()
+    }
+
+    fn sources(places: &[(f64, f64)]) -> Vec<PatternSource> {
+        places.iter().map(|&(left, up)| PatternSource::new(left, up, 0.2, 100.0, 4.6e-5)).collect()
+    }
+
+    fn matches(count: usize) -> Vec<Assigned> {
+        (0..count).map(|source| Assigned { source, star: source }).collect()
+    }
+
+    #[test]
+    fn stars_that_are_there_again_are_seen_and_how_far() {
+        let stars = places(1, 12);
+        let again = stars.iter().step_by(2).map(|&(left, up)| (left + 40.0, up - 30.0));
+        let all: Vec<_> = stars.iter().copied().chain(again).chain(places(2, 30)).collect();
+        let found = nearest_copy(&sources(&all), &matches(12), 28.0).unwrap();
+        assert!((found - 50.0).abs() < 1e-6, "{found}");
+        assert_eq!(nearest_copy(&sources(&all), &matches(12), 60.0), None, "nearer ones are somebody else's to look at");
+    }
+
+    #[test]
+    fn other_sources_make_no_copy_by_chance() {
+        for seed in 0..200 {
+            let all = places(1000 + seed, 100);
+            assert_eq!(nearest_copy(&sources(&all), &matches(20), 28.0), None, "{seed}");
+        }
+    }
+}
