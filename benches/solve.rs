@@ -9,12 +9,12 @@
 mod shared;
 
 use clap::Parser;
-use shared::{cpu_time, ms, quantile, timed};
+use shared::{CpuWatch, ms, quantile, timed};
 use stars::catalog::Catalogue;
 use stars::image::Frame;
 use stars::settings::Settings;
 use stars::simulate::sky::{Kind, RenderSpec, render};
-use stars::solve::{Outcome, Prior, Reason, Solver, StageTimes, Stop, Watch};
+use stars::solve::{Outcome, Prior, Reason, Solver, StageTimes};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -39,17 +39,6 @@ struct Args {
     /// Given by `cargo bench`
     #[arg(long, hide = true)]
     bench: bool,
-}
-
-struct CpuWatch;
-
-impl Watch for CpuWatch {
-    fn elapsed(&self) -> Duration {
-        cpu_time()
-    }
-    fn stop(&self) -> Option<Stop> {
-        None
-    }
 }
 
 /// How a frame is solved.

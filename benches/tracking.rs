@@ -13,14 +13,14 @@ use clap::Parser;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use shared::{cpu_time, ms, quantile, timed};
+use shared::{CpuWatch, ms, quantile, timed};
 use stars::catalog::Catalogue;
 use stars::settings::Settings;
 use stars::simulate::sky::{Kind, RenderSpec, Rendered, Truth, render};
 use stars::sky::{ARCSEC, Attitude, DEG, Vec3, separation};
 use stars::solve::{
     AttitudePrior, FoundBy, FrameGeometry, LensPrior, NearRules, NearSearch, Outcome, PatternSource, Prior, Region, SearchEnd,
-    Solver, Stop, Watch,
+    Solver,
 };
 use std::f64::consts::{LN_10, PI, TAU};
 use std::sync::Arc;
@@ -57,17 +57,6 @@ const SIGMA_LN_PLATESCALE: f64 = 5e-4;
 const SIGMA_K1: f64 = 2e-4;
 /// Bounds on the probability of chance, whose truth is counted.
 const BOUNDS_LOG10: [i32; 4] = [-1, -2, -3, -4];
-
-struct CpuWatch;
-
-impl Watch for CpuWatch {
-    fn elapsed(&self) -> Duration {
-        cpu_time()
-    }
-    fn stop(&self) -> Option<Stop> {
-        None
-    }
-}
 
 /// What is told beforehand of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]

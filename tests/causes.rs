@@ -2,6 +2,9 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "this is a test")]
 
+mod shared;
+
+use shared::solver_with;
 use stars::catalog::Catalogue;
 use stars::settings::Settings;
 use stars::simulate::sky::{Kind, RenderSpec, render};
@@ -9,20 +12,6 @@ use stars::solve::{Cause, Outcome, Prior, Reason, Solver, Stop, Unwatched, Watch
 use std::cell::Cell;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
-
-/// A solver with the shipped settings, some changed; all share one index.
-fn solver_with(change: impl FnOnce(&mut Settings)) -> Solver {
-    static SOLVER: OnceLock<Solver> = OnceLock::new();
-    let shared = SOLVER.get_or_init(|| {
-        let mut solver = Solver::new(Arc::new(Catalogue::embedded().unwrap()), Arc::new(Settings::flight().unwrap()));
-        solver.prepare(1536, 1024);
-        solver
-    });
-    let (mut solver, mut settings) = (shared.clone(), Settings::clone(shared.settings()));
-    change(&mut settings);
-    solver.set_settings(Arc::new(settings));
-    solver
-}
 
 /// A prior far from nearly every frame, which is let veto.
 fn far_prior(settings: &mut Settings) {

@@ -2,24 +2,15 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "this is a test")]
 
+mod shared;
+
+use shared::solver_with;
 use stars::catalog::Catalogue;
 use stars::settings::Settings;
 use stars::simulate::sky::{Kind, RenderSpec, render};
 use stars::sky::{ARCSEC, Aberration, Attitude, ClockQuality, DEG, Mat3, Observer, Utc, Vec3, separation, to_equinox_of};
 use stars::solve::{Outcome, Prior, Reason, Report, Solver, Unwatched};
 use std::sync::{Arc, OnceLock};
-
-/// One solver for all tests: its index takes a second.
-fn solver() -> Solver {
-    static SOLVER: OnceLock<Solver> = OnceLock::new();
-    SOLVER
-        .get_or_init(|| {
-            let mut solver = Solver::new(Arc::new(Catalogue::embedded().unwrap()), Arc::new(Settings::flight().unwrap()));
-            solver.prepare(1536, 1024);
-            solver
-        })
-        .clone()
-}
 
 fn date() -> Utc {
     Utc::from_calendar(2013, 1, 1, 6, 0, 0.0).unwrap()
@@ -29,10 +20,7 @@ const OBSERVER: Observer = Observer { latitude: -77.0 * DEG, sidereal_time: 8.0 
 
 /// Solves a night frame at some date with changed settings; the outcome and its report.
 fn solved(captured: Option<Utc>, change: impl FnOnce(&mut Settings)) -> (Outcome, serde_json::Value) {
-    let mut solver = solver();
-    let mut settings = Settings::flight().unwrap();
-    change(&mut settings);
-    solver.set_settings(Arc::new(settings));
+    let mut solver = solver_with(change);
     let attitude = Some(Attitude::from_angles(120.0 * DEG, -60.0 * DEG, 30.0 * DEG));
     let mut frame = render(&RenderSpec { attitude, ..RenderSpec::new(Kind::Night, 5, 1) }, solver.catalogue()).unwrap().frame;
     frame.stamp.captured = captured.map(|utc| (utc, ClockQuality::FreeRunning));

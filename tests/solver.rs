@@ -2,6 +2,9 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "this is a test")]
 
+mod shared;
+
+use shared::solver_with;
 use stars::catalog::Catalogue;
 use stars::image::{self, Frame};
 use stars::settings::Settings;
@@ -13,26 +16,8 @@ use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-/// One solver with the shipped settings and its index; clones share the index.
 fn solver() -> Solver {
-    static SOLVER: OnceLock<Solver> = OnceLock::new();
-    SOLVER
-        .get_or_init(|| {
-            let catalogue = Arc::new(Catalogue::embedded().unwrap());
-            let mut solver = Solver::new(catalogue, Arc::new(Settings::flight().unwrap()));
-            solver.prepare(1536, 1024);
-            solver
-        })
-        .clone()
-}
-
-/// The shared solver with some settings changed.
-fn solver_with(change: impl FnOnce(&mut Settings)) -> Solver {
-    let mut solver = solver();
-    let mut settings = Settings::clone(solver.settings());
-    change(&mut settings);
-    solver.set_settings(Arc::new(settings));
-    solver
+    solver_with(|_| ())
 }
 
 fn rendered(kind: Kind, index: u64) -> Rendered {

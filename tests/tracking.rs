@@ -2,7 +2,9 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "this is a test")]
 
-use stars::catalog::Catalogue;
+mod shared;
+
+use shared::solver_with;
 use stars::settings::Settings;
 use stars::simulate::sky::{Kind, RenderSpec, Rendered, render};
 use stars::sky::{ARCSEC, Attitude, DEG, Vec3, separation};
@@ -10,19 +12,11 @@ use stars::solve::{
     AttitudePrior, FoundBy, FrameGeometry, LensPrior, NearRules, NearSearch, Outcome, PatternSource, Pose, Prior, Reason, Region,
     SearchEnd, Solver, Tracker, Unwatched,
 };
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 use std::time::Duration;
 
-/// One solver for all tests: its index takes a second.
 fn solver() -> Solver {
-    static SOLVER: OnceLock<Solver> = OnceLock::new();
-    SOLVER
-        .get_or_init(|| {
-            let mut solver = Solver::new(Arc::new(Catalogue::embedded().unwrap()), Arc::new(Settings::flight().unwrap()));
-            solver.prepare(1536, 1024);
-            solver
-        })
-        .clone()
+    solver_with(|_| ())
 }
 
 fn frame(kind: Kind, index: u64) -> Rendered {

@@ -1,7 +1,21 @@
 //! What the benches share: the thread's own clock, and quantiles.
 
 use rustix::time::{ClockId, clock_gettime};
+use stars::solve::{Stop, Watch};
 use std::time::Duration;
+
+/// A watch by the thread's own clock, which never says to stop.
+#[allow(dead_code, reason = "each bench is a program of its own, and those without frames have no solver to watch")]
+pub struct CpuWatch;
+
+impl Watch for CpuWatch {
+    fn elapsed(&self) -> Duration {
+        cpu_time()
+    }
+    fn stop(&self) -> Option<Stop> {
+        None
+    }
+}
 
 /// CPU time of this thread alone: what others on the machine do does not count.
 pub fn cpu_time() -> Duration {

@@ -10,18 +10,19 @@ use stars::solve::{Prior, Reason, Report, Solver, Unwatched};
 use std::cell::RefCell;
 use std::sync::Arc;
 
-const WIDTH: usize = 160;
-const HEIGHT: usize = 128;
+/// As small as they may be with all kernels at work, those that look at the picture halved three times too.
+const WIDTH: usize = 288;
+const HEIGHT: usize = 256;
 /// Stars of the catalogue that are kept.
 const BRIGHTEST: usize = 4000;
 
 fn settings() -> Settings {
-    // A field of 9° × 7°, so that so few pixels see many stars.
+    // A field of 9° × 8°, so that so few pixels see many stars.
     let layers = Layers::embedded()
-        .set("solver.matching.platescale_min_arcsec_px=190")
-        .set("solver.matching.platescale_max_arcsec_px=210")
-        .set("camera.width_px=160")
-        .set("camera.height_px=128");
+        .set("solver.matching.platescale_min_arcsec_px=105")
+        .set("solver.matching.platescale_max_arcsec_px=117")
+        .set("camera.width_px=288")
+        .set("camera.height_px=256");
     layers.load().expect("these settings are right").settings
 }
 

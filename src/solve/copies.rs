@@ -12,18 +12,21 @@ const SAME_PX: f64 = 3.0;
 /// Stars that must be there again: this part of those matched, and no fewer than this.
 const SHARE: f64 = 0.3;
 const LEAST: usize = 4;
+/// Matched stars and other sources that are compared, the best of each: more make it no surer, and take the square of the time twice over.
+const MOST: usize = 50;
 
 /// How far the nearest copy of the matched stars lies, px, beyond `nearest_px`; `None` where there is none.
 pub fn nearest_copy(sources: &[PatternSource], matches: &[Assigned], nearest_px: f64) -> Option<f64> {
     let is_matched = |index: usize| matches.iter().any(|m| m.source == index);
-    let others: Vec<&PatternSource> = sources.iter().enumerate().filter(|&(i, _)| !is_matched(i)).map(|(_, s)| s).collect();
-    let stars = matches.iter().filter_map(|m| sources.get(m.source));
+    let others = sources.iter().enumerate().filter(|&(i, _)| !is_matched(i)).map(|(_, other)| other);
+    let others: Vec<&PatternSource> = others.take(MOST).collect();
+    let stars = matches.iter().filter_map(|m| sources.get(m.source)).take(MOST);
     let way = |star: &PatternSource, other: &PatternSource| (other.left - star.left, other.up - star.up);
     let ways: Vec<(f64, f64)> = stars
         .flat_map(|star| others.iter().map(move |other| way(star, other)))
         .filter(|w| (nearest_px..FURTHEST_PX).contains(&w.0.hypot(w.1)))
         .collect();
-    let least = ((SHARE * matches.len() as f64).ceil() as usize).max(LEAST);
+    let least = ((SHARE * matches.len().min(MOST) as f64).ceil() as usize).max(LEAST);
     let shared = |w: &&(f64, f64)| ways.iter().filter(|v| (v.0 - w.0).hypot(v.1 - w.1) < SAME_PX).count() >= least;
     ways.iter().filter(shared).map(|w| w.0.hypot(w.1)).min_by(f64::total_cmp)
 }
@@ -55,6 +58,16 @@ mod tests {
         let found = nearest_copy(&sources(&all), &matches(12), 28.0).unwrap();
         assert!((found - 50.0).abs() < 1e-6, "{found}");
         assert_eq!(nearest_copy(&sources(&all), &matches(12), 60.0), None, "nearer ones are somebody else's to look at");
+    }
+
+    #[test]
+    fn a_copy_is_seen_among_a_thousand_sources_crowded_together() {
+        // As many as may be found, all within reach of each other: were all compared, it would take minutes.
+        let crowded = |seed, count| places(seed, count).into_iter().map(|(left, up)| (0.1 * left, 0.1 * up));
+        let stars: Vec<_> = crowded(3, 500).collect();
+        let again = stars.iter().map(|&(left, up)| (left + 60.0, up));
+        let all: Vec<_> = stars.iter().copied().chain(again).collect();
+        assert!(nearest_copy(&sources(&all), &matches(500), 28.0).is_some());
     }
 
     #[test]

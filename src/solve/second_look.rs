@@ -1,7 +1,7 @@
 //! A second look at sources that fit no pattern: whether they would, were the settings other ones.
 //!
-//! Only to say what is wrong: nothing found here is ever served. It looks at few sources and at few candidates, so that it takes no longer
-//! than a search does.
+//! Only to say what is wrong: nothing found here is ever served. Each look is at few sources and few candidates, a millisecond or two, and
+//! a watch that says to stop is obeyed in between.
 
 use super::pattern::{PatternSearch, SearchEnd, SearchRules};
 use super::verify::{FrameGeometry, PatternSource};

@@ -161,25 +161,29 @@ impl Solver {
         } else {
             match self.mask(frame) {
                 Ok(mask) => {
-                    if !self.prepare_while(frame.width, frame.height, &|| watch.stop().is_none()) {
+                    if self.prepare_while(frame.width, frame.height, &|| watch.stop().is_none()) {
+                        self.search(&Search { frame, prior, watch, mask }, normal, robust, &mut outcome);
+                    } else {
                         stopped(&mut outcome, watch.stop().unwrap_or(Stop::Aborted));
-                        return outcome;
                     }
-                    self.finder.begin(frame, &self.cells);
-                    self.seen = Seen::default();
-                    let search = Search { frame, prior, watch, mask };
-                    let done = normal && self.search_with(&search, SearchKernel::Sharp, &mut outcome);
-                    if robust && !done {
-                        outcome.mode = SearchMode::Robust;
-                        self.search_widely(&search, &mut outcome);
-                    }
-                    self.diagnose(&search, &mut outcome);
                 }
                 Err(error) => (outcome.reason, outcome.detail) = (Reason::Failed, error),
             }
         }
         outcome.times.total = watch.elapsed() - started;
         outcome
+    }
+
+    /// Searches in the ways that are wanted; a frame that is not solved gets its cause.
+    fn search(&mut self, search: &Search<'_>, normal: bool, robust: bool, outcome: &mut Outcome) {
+        self.finder.begin(search.frame, &self.cells);
+        self.seen = Seen::default();
+        let done = normal && self.search_with(search, SearchKernel::Sharp, outcome);
+        if robust && !done {
+            outcome.mode = SearchMode::Robust;
+            self.search_widely(search, outcome);
+        }
+        self.diagnose(search, outcome);
     }
 
     /// Statistics, and whether the frame is worth a search at all.

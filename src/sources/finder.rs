@@ -3,10 +3,11 @@
 #![allow(clippy::indexing_slicing, reason = "a candidate's patch is among the patches of the same search")]
 
 use super::blur::{self, Figure};
+use super::centroid::{centroid, moments};
 use super::kernel::SearchKernel;
 use super::light::{KnownStar, Light, PlacedStar};
 use super::lines;
-use super::measure::{CoreTemplate, Patch, Shape, Standing, centroid, moments, summit};
+use super::measure::{CoreTemplate, Patch, Shape, Standing, summit};
 use super::peaks::{Peak, PeakFinder, PeakRules, Taps};
 use super::plane::{Clipped, HalveScratch, MARGIN, Picture, Plane, halve};
 use super::trails::{self, TrailFinder};

@@ -5,6 +5,7 @@
 //! the resolution and so a kernel twice as wide, for pictures out of focus. Uses `image` and `settings`.
 
 mod blur;
+mod centroid;
 mod finder;
 mod kernel;
 mod light;
