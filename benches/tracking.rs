@@ -24,7 +24,6 @@ use stars::solve::{
 };
 use std::f64::consts::{LN_10, PI, TAU};
 use std::sync::Arc;
-use std::time::Duration;
 
 /// Measures what a prior is worth
 #[derive(Debug, Parser)]

@@ -5,12 +5,10 @@
 mod shared;
 
 use shared::solver_with;
-use stars::catalog::Catalogue;
 use stars::settings::Settings;
 use stars::simulate::sky::{Kind, RenderSpec, render};
-use stars::solve::{Cause, Outcome, Prior, Reason, Solver, Stop, Unwatched, Watch};
+use stars::solve::{Cause, Outcome, Prior, Reason, Stop, Unwatched, Watch};
 use std::cell::Cell;
-use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 /// A prior far from nearly every frame, which is let veto.

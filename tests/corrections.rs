@@ -5,12 +5,10 @@
 mod shared;
 
 use shared::solver_with;
-use stars::catalog::Catalogue;
 use stars::settings::Settings;
 use stars::simulate::sky::{Kind, RenderSpec, render};
 use stars::sky::{ARCSEC, Aberration, Attitude, ClockQuality, DEG, Mat3, Observer, Utc, Vec3, separation, to_equinox_of};
-use stars::solve::{Outcome, Prior, Reason, Report, Solver, Unwatched};
-use std::sync::{Arc, OnceLock};
+use stars::solve::{Outcome, Prior, Reason, Report, Unwatched};
 
 fn date() -> Utc {
     Utc::from_calendar(2013, 1, 1, 6, 0, 0.0).unwrap()

@@ -5,7 +5,6 @@
 mod shared;
 
 use shared::solver_with;
-use stars::catalog::Catalogue;
 use stars::image::{self, Frame};
 use stars::settings::Settings;
 use stars::simulate::sky::{Kind, RenderSpec, Rendered, render};
@@ -13,7 +12,7 @@ use stars::sky::{ARCSEC, Attitude, DEG, HOUR, Observer, RowOrder, separation};
 use stars::solve::{Cause, Outcome, Prior, Reason, Solver, Stop, Unwatched, Watch};
 use std::cell::Cell;
 use std::path::PathBuf;
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
 use std::time::Duration;
 
 fn solver() -> Solver {
