@@ -179,27 +179,47 @@ impl Finder {
                 return None;
             }
             let round = self.judged(frame, cells, look, kernel, peaks);
+            let trails = TRAIL_SCALES.contains(&scale);
+            let trail = if trails { Some(self.survey_trails(frame, cells, look, scale, &round.peaks)?) } else { None };
             self.surveyed.push(round);
-            if !TRAIL_SCALES.contains(&scale) {
-                continue;
-            }
-            let mut best: Option<Survey> = None;
-            for direction in 0..trails::DIRECTIONS {
-                let kernel = SearchKernel::Trail { scale, direction };
-                let mut peaks = Vec::new();
-                self.find_trails(look, kernel, direction, &mut peaks);
-                let trail = self.judged(frame, cells, look, kernel, peaks);
-                if best.as_ref().is_none_or(|best| trail.score > best.score) {
-                    best = Some(trail);
-                }
-                if !(look.keep_on)() {
-                    return None;
-                }
-            }
-            self.surveyed.extend(best);
+            self.surveyed.extend(trail);
         }
         self.surveyed.sort_by(|a, b| b.score.total_cmp(&a.score));
         Some(self.surveyed.iter().map(|survey| survey.kernel).collect())
+    }
+
+    /// The direction in which most stands out in the picture halved `scale` times, judged by what lies beside the peaks of the round
+    /// kernel, and its peaks; `None` where it was told not to keep on.
+    fn survey_trails(
+        &mut self,
+        frame: &Frame,
+        cells: &CellStatistics,
+        look: &Look<'_>,
+        scale: usize,
+        round: &[Peak],
+    ) -> Option<Survey> {
+        let mut best: Option<Survey> = None;
+        for direction in 0..trails::DIRECTIONS {
+            let kernel = SearchKernel::Trail { scale, direction };
+            let mut peaks = Vec::new();
+            self.with_trail_rules(look, kernel, direction, |_, smooth, rules| {
+                TrailFinder::near(smooth, rules, round, direction, &mut peaks);
+            });
+            let trail = self.judged(frame, cells, look, kernel, peaks);
+            if best.as_ref().is_none_or(|best| trail.score > best.score) {
+                best = Some(trail);
+            }
+            if !(look.keep_on)() {
+                return None;
+            }
+        }
+        let mut best = best?;
+        if let SearchKernel::Trail { direction, .. } = best.kernel {
+            self.with_trail_rules(look, best.kernel, direction, |finder, smooth, rules| {
+                finder.find(smooth, rules, direction, &mut best.peaks);
+            });
+        }
+        Some(best)
     }
 
     /// What a kernel's peaks are worth: how confident the best of those are that have its shape.
@@ -313,12 +333,18 @@ impl Finder {
         self.finder.find(plane, &rules, look.keep_on, whole, peaks)
     }
 
-    /// The peaks along a direction, in the smoothed picture of the round kernel just searched with.
-    fn find_trails(&mut self, look: &Look<'_>, kernel: SearchKernel, direction: usize, peaks: &mut Vec<Peak>) {
+    /// A search along a direction in the smoothed picture of the round kernel just searched with.
+    fn with_trail_rules(
+        &mut self,
+        look: &Look<'_>,
+        kernel: SearchKernel,
+        direction: usize,
+        search: impl FnOnce(&mut TrailFinder, &Plane, &PeakRules<'_>),
+    ) {
         let thresholds: Vec<f32> = self.thresholds.iter().map(|threshold| trails::noise(direction) * threshold).collect();
         let masked = look.masked_at(kernel.scale());
         let rules = PeakRules { per_cell: TRAILS_PER_CELL, ..look.rules(kernel, &self.smooth, &thresholds, &masked) };
-        self.trail_finder.find(&self.smooth, &rules, direction, peaks);
+        search(&mut self.trail_finder, &self.smooth, &rules);
     }
 
     /// Where the light of stars at known places lies, brightest first; `None` where it cannot be told.

@@ -68,6 +68,25 @@ pub struct PeakRules<'a> {
     pub masked: &'a dyn Fn(usize, usize) -> bool,
 }
 
+impl PeakRules<'_> {
+    /// The cell that a peak lies in: column and row.
+    pub fn cell_of(&self, peak: &Peak) -> (usize, usize) {
+        (peak.x / self.cell, peak.y / self.cell)
+    }
+
+    /// Thresholds of the blocks of row `y`.
+    #[inline(always)]
+    fn thresholds_of_row(&self, y: usize) -> &[f32] {
+        let rows = self.thresholds.len() / self.threshold_columns;
+        &self.thresholds[(y / CELL_PX).min(rows - 1) * self.threshold_columns..][..self.threshold_columns]
+    }
+
+    /// The threshold at a sample, ADU.
+    pub fn threshold_at(&self, x: usize, y: usize) -> f32 {
+        self.thresholds_of_row(y)[(x / CELL_PX).min(self.threshold_columns - 1)]
+    }
+}
+
 /// The memory of a search.
 #[derive(Debug, Clone, Default)]
 pub struct PeakFinder {
@@ -279,8 +298,7 @@ fn smooth_along(row: &[f32], levels: [&[f32]; 2], part: f32, (side, middle): (f3
 pub fn scan_row(rows: [&[f32]; 3], y: usize, columns: usize, rules: &PeakRules<'_>, cells: &mut [Vec<Peak>]) {
     let here = rows[1];
     let width = here.len();
-    let block_rows = rules.thresholds.len() / rules.threshold_columns;
-    let thresholds = &rules.thresholds[(y / CELL_PX).min(block_rows - 1) * rules.threshold_columns..];
+    let thresholds = rules.thresholds_of_row(y);
     for block in 0..width.div_ceil(CELL_PX) {
         let (first, last) = (block * CELL_PX, ((block + 1) * CELL_PX).min(width));
         let mut threshold = thresholds[block.min(rules.threshold_columns - 1)];

@@ -16,6 +16,12 @@ pub const DIRECTIONS: usize = 8;
 /// what lies between.
 const ARMS: [(isize, usize); DIRECTIONS] = [(2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (-1, 2), (-2, 2), (-2, 1)];
 
+/// Furthest sample of an arm from the middle, along either axis.
+const REACH: usize = 2;
+/// Round peaks of a cell beside which a trail is looked for, and how far beside them, samples.
+const ROUND_PER_CELL: usize = 8;
+const BESIDE: usize = 1;
+
 /// Noise of the mean of three samples over that of the smoothed picture, whose samples are correlated.
 pub fn noise(direction: usize) -> f32 {
     /// Correlation of three taps of a Gaussian of σ 1 with themselves 0 to 4 samples on.
@@ -52,6 +58,29 @@ impl TrailFinder {
         with_vectors(Search { finder: self, smooth, rules, direction, peaks });
     }
 
+    /// The best peaks of each cell along a direction, looked for beside its highest round peaks alone: what stands out along a line does
+    /// so in part wherever a sample is. `round`: peaks of the smoothed picture, cell after cell, the highest of each first.
+    pub fn near(smooth: &Plane, rules: &PeakRules<'_>, round: &[Peak], direction: usize, peaks: &mut Vec<Peak>) {
+        peaks.clear();
+        let border = rules.border.max(BESIDE + REACH);
+        if smooth.width <= 2 * border || smooth.height <= 2 * border || rules.cell == 0 {
+            return;
+        }
+        let (columns, rows) = (border..smooth.width - border, border..smooth.height - border);
+        for of_cell in round.chunk_by(|a, b| rules.cell_of(a) == rules.cell_of(b)) {
+            let first = peaks.len();
+            for start in of_cell.iter().take(ROUND_PER_CELL).filter(|p| columns.contains(&p.x) && rows.contains(&p.y)) {
+                let peak = highest_beside(smooth, start, direction);
+                let known = peaks[first..].iter().any(|p| (p.x, p.y) == (peak.x, peak.y));
+                if peak.height > rules.threshold_at(peak.x, peak.y) && !known && !(rules.masked)(peak.x, peak.y) {
+                    peaks.push(peak);
+                }
+            }
+            peaks[first..].sort_by(|a, b| b.height.total_cmp(&a.height));
+            peaks.truncate(first + rules.per_cell);
+        }
+    }
+
     #[inline(always)]
     fn search(&mut self, smooth: &Plane, rules: &PeakRules<'_>, direction: usize, peaks: &mut Vec<Peak>) {
         peaks.clear();
@@ -76,6 +105,24 @@ impl TrailFinder {
             peaks.extend_from_slice(cell);
         }
     }
+}
+
+/// Where the mean along a direction is highest, from [`BESIDE`] samples before a place to as many after it both ways.
+fn highest_beside(smooth: &Plane, start: &Peak, direction: usize) -> Peak {
+    let (dx, dy) = ARMS[direction % DIRECTIONS];
+    let arm = dy as isize * smooth.width as isize + dx;
+    let mut best = Peak { height: f32::MIN, ..*start };
+    for y in start.y - BESIDE..=start.y + BESIDE {
+        for x in start.x - BESIDE..=start.x + BESIDE {
+            let at = y * smooth.width + x;
+            let (one, other) = (at.wrapping_add_signed(-arm), at.wrapping_add_signed(arm));
+            let height = (smooth.pixels[one] + smooth.pixels[at] + smooth.pixels[other]) * (1.0 / 3.0);
+            if height > best.height {
+                best = Peak { x, y, height };
+            }
+        }
+    }
+    best
 }
 
 struct Search<'a> {
