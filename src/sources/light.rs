@@ -8,6 +8,7 @@
 
 use super::plane::Plane;
 use crate::image::CellStatistics;
+use crate::sky::{Kernel, with_vectors};
 use nalgebra::{Matrix4, Vector4};
 
 /// Pixels along a bin: the picture halved once. Bins from the middle to the border: trails and discs of 30 px and more fit.
@@ -108,22 +109,20 @@ impl Light {
         let variance: f32 = seen.iter().zip(&weights).map(|((star, noise, _), w)| (w * share_noise(star, *noise)).powi(2)).sum();
         let sigma = MEDIAN_OVER_MEAN * variance.sqrt() / weights.iter().sum::<f32>();
         let mut light: Option<Self> = None;
-        let mut column = Vec::with_capacity(seen.len());
+        let mut rows = vec![[0f32; N]; seen.len()];
+        let mut stack = [0f32; N];
         // The second time without the light of the neighbours.
         for _ in 0..2 {
-            let neighbours: Vec<Option<Vec<f32>>> =
-                seen.iter().map(|(star, _, _)| light.as_ref().map(|light| light.neighbours(star, stars))).collect();
-            let stack: Vec<f32> = (0..N)
-                .map(|n| {
-                    column.clear();
-                    column.extend(seen.iter().zip(&weights).zip(&neighbours).map(|(((star, _, bins), weight), others)| {
-                        let other = others.as_ref().map_or(0.0, |list| list[n]);
-                        // The sum over a star's bins is its flux over the pixels of a bin.
-                        ((bins[n] - other) / (star.flux as f32 / (BIN_PX * BIN_PX) as f32), *weight)
-                    }));
-                    weighted_median(&mut column)
-                })
-                .collect();
+            for ((star, _, bins), row) in seen.iter().zip(&mut rows) {
+                row.copy_from_slice(bins);
+                if let Some(light) = &light {
+                    light.take_neighbours(star, stars, row);
+                }
+                // The sum over a star's bins is its flux over the pixels of a bin.
+                let share = (BIN_PX * BIN_PX) as f32 / star.flux as f32;
+                row.iter_mut().for_each(|bin| *bin *= share);
+            }
+            with_vectors(WeightedMedians { rows: &rows, weights: &weights, medians: &mut stack });
             light = Some(Self::of_stack(&stack, sigma, &seen)?);
         }
         light
@@ -180,9 +179,8 @@ impl Light {
         })
     }
 
-    /// The light of all other stars around a star's place, bin by bin.
-    fn neighbours(&self, star: &KnownStar, stars: &[KnownStar]) -> Vec<f32> {
-        let mut bins = vec![0f32; N];
+    /// Takes the light of all other stars off the bins around a star's place.
+    fn take_neighbours(&self, star: &KnownStar, stars: &[KnownStar], bins: &mut [f32; N]) {
         for other in stars {
             let (dx, dy) = ((other.x - star.x) / BIN_PX as f64, (other.y - star.y) / BIN_PX as f64);
             let reach = 2.0 * REACH as f64;
@@ -191,14 +189,18 @@ impl Light {
             }
             let (dx, dy) = (dx.round() as isize, dy.round() as isize);
             let flux = (other.flux / (BIN_PX * BIN_PX) as f64) as f32;
-            for (n, bin) in bins.iter_mut().enumerate() {
-                let (x, y) = ((n % SIDE) as isize - dx, (n / SIDE) as isize - dy);
-                if (0..SIDE as isize).contains(&x) && (0..SIDE as isize).contains(&y) {
-                    *bin += flux * self.shares[y as usize * SIDE + x as usize];
-                }
+            // Where the two squares lie over each other: bins here, and the same in the other's square.
+            let over = |d: isize| {
+                let first = d.max(0) as usize;
+                (first, first.wrapping_add_signed(-d), SIDE - d.unsigned_abs())
+            };
+            let ((x, from_x, width), (y, from_y, height)) = (over(dx), over(dy));
+            for row in 0..height {
+                let shares = &self.shares[(from_y + row) * SIDE + from_x..][..width];
+                let bins = &mut bins[(y + row) * SIDE + x..][..width];
+                bins.iter_mut().zip(shares).for_each(|(bin, share)| *bin -= flux * share);
             }
         }
-        bins
     }
 
     /// Measures a star near its place: flux, sky and middle by weighted least squares with this light as the template.
@@ -325,18 +327,36 @@ fn pieces_of(stack: &[f32], sigma: f32) -> Vec<Piece> {
     pieces
 }
 
-/// The value below and above which half of the weight lies; values come with their weights.
-fn weighted_median(values: &mut [(f32, f32)]) -> f32 {
-    values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    let half = 0.5 * values.iter().map(|v| v.1).sum::<f32>();
-    let mut below = 0.0;
-    for &(value, weight) in values.iter() {
-        below += weight;
-        if below >= half {
-            return value;
+/// For each bin the value below and above which half of the weight of the rows lies.
+struct WeightedMedians<'a> {
+    rows: &'a [[f32; N]],
+    weights: &'a [f32],
+    medians: &'a mut [f32; N],
+}
+
+impl Kernel for WeightedMedians<'_> {
+    type Output = ();
+
+    /// The least value that has half of the weight up to it: counted for each, which vectors do sooner than they sort.
+    #[inline(always)]
+    fn run(self) {
+        let half = 0.5 * self.weights.iter().sum::<f32>();
+        self.medians.fill(f32::INFINITY);
+        for here in self.rows {
+            let mut below = [0f32; N];
+            for (there, weight) in self.rows.iter().zip(self.weights) {
+                let weight = weight.to_bits();
+                for n in 0..N {
+                    // All bits of the weight or none: a choice would be compiled as a branch.
+                    below[n] += f32::from_bits(weight & u32::from(there[n] <= here[n]).wrapping_neg());
+                }
+            }
+            for n in 0..N {
+                let value = if below[n] >= half { here[n] } else { f32::INFINITY };
+                self.medians[n] = if value < self.medians[n] { value } else { self.medians[n] };
+            }
         }
     }
-    0.0
 }
 
 /// A bin with all its neighbours inside.
