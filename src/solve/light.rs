@@ -3,7 +3,7 @@
 //! The pose says where the stars are; their light, laid on top of each other, says where its middle lies; each matched star is measured
 //! anew with that light as its template; and the pose is fitted to those. Twice, because the first pose may be that of one piece.
 
-use super::fit::{Fit, Pair, fit};
+use super::fit::{Fit, Pair, Pose, fit};
 use super::refine::moved;
 use super::solver::{Context, Solver};
 use super::verify::{Assigned, PatternSource, project_stars};
@@ -12,10 +12,10 @@ use crate::sources::{KnownStar, Light, PlacedStar, REACH_PX};
 
 /// Stars are looked at for pieces where fewer of the sources tried than this are catalogued stars, or where they are wider than this.
 const WHOLE_STARS_FRACTION: f64 = 0.75;
-const SHARP_SIGMA_PX: f64 = 1.6;
+pub const SHARP_SIGMA_PX: f64 = 1.6;
 /// Light no wider than this (long axis, in bins of two pixels), its middle where the sources were found but for this and a few σ, is that
 /// of whole stars that the search has measured in the picture itself, better than halved.
-const WHOLE_LIGHT_PX: f64 = 3.5;
+pub const WHOLE_LIGHT_PX: f64 = 3.5;
 const NEAR_PX: f64 = 0.2;
 const NEAR_SIGMAS: f64 = 3.0;
 /// Where a wide kernel was needed and the light can't be told, a star's middle is doubtful by this part of the kernel's width (from
@@ -81,7 +81,7 @@ pub fn fit_by_light(
     let mut best: Option<Box<Anew>> = None;
     let mut pose_fit = first.clone();
     for _ in 0..ROUNDS {
-        let stars = known_stars(context, &pose_fit, matches, sources);
+        let stars = known_stars(context, &pose_fit.pose, matches, sources);
         let Some(light) = solver.finder.light(&solver.cells, &stars.iter().map(|(_, star)| *star).collect::<Vec<_>>()) else {
             return best.map_or(unseen, LightFit::Anew);
         };
@@ -111,8 +111,13 @@ pub fn fit_by_light(
     LightFit::Anew(best)
 }
 
-/// Stars of the field that a fit puts on the picture, brightest first, with the fluxes that the matched ones let expect.
-fn known_stars(context: &Context<'_>, fit: &Fit, matches: &[Assigned], sources: &[PatternSource]) -> Vec<(usize, KnownStar)> {
+/// Stars of the field that a pose puts on the picture, brightest first, with the fluxes that the matched ones let expect.
+pub(super) fn known_stars(
+    context: &Context<'_>,
+    pose: &Pose,
+    matches: &[Assigned],
+    sources: &[PatternSource],
+) -> Vec<(usize, KnownStar)> {
     let field = context.field;
     let star_of = |m: &Assigned| field.stars.stars.get(m.star);
     let mut zero_points: Vec<f64> =
@@ -120,7 +125,7 @@ fn known_stars(context: &Context<'_>, fit: &Fit, matches: &[Assigned], sources: 
     zero_points.sort_by(f64::total_cmp);
     let zero_point = zero_points.get(zero_points.len() / 2).copied().unwrap_or(0.0);
     let mut projected = Vec::new();
-    project_stars(field, &fit.pose, &context.geometry, u8::MAX, &mut projected);
+    project_stars(field, pose, &context.geometry, u8::MAX, &mut projected);
     let mut stars: Vec<(usize, KnownStar)> = projected
         .into_iter()
         .filter_map(|(index, left, up)| {

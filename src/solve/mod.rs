@@ -18,6 +18,7 @@ mod report;
 mod requirements;
 mod second_look;
 mod served;
+mod sharpen;
 mod solver;
 mod track;
 mod tracked;

@@ -307,8 +307,8 @@ impl Solver {
         // With the plate scale that is known, and then as if it were not: the lens may have been moved.
         let unknown = FrameGeometry::new(&settings.solver, &field, frame.width, frame.height);
         let narrowed = context.geometry.platescale_range != unknown.platescale_range;
-        (narrowed && self.match_sources(&context, outcome))
-            || self.match_sources(&Context { geometry: unknown, ..context }, outcome)
+        (narrowed && self.match_sources(&context, &look, outcome))
+            || self.match_sources(&Context { geometry: unknown, ..context }, &look, outcome)
     }
 
     /// Puts the sources of the last search into the outcome.
@@ -355,7 +355,7 @@ impl Solver {
     }
 
     /// Matches the sources of the last search anywhere on the sky; `true` where the frame is done with.
-    fn match_sources(&mut self, context: &Context<'_>, outcome: &mut Outcome) -> bool {
+    fn match_sources(&mut self, context: &Context<'_>, look: &Look<'_>, outcome: &mut Outcome) -> bool {
         let started = context.watch.elapsed();
         let settings = self.settings.clone();
         let settings = &settings.solver;
@@ -378,6 +378,9 @@ impl Solver {
             SearchEnd::Found(hypothesis) => {
                 let started = context.watch.elapsed();
                 self.finder.complete(&mut self.found);
+                let sharp = if context.scale > 0 { self.sharpen(context, look, &hypothesis) } else { None };
+                let scale = if sharp.is_some() { 0 } else { context.scale };
+                let (context, hypothesis) = (&Context { scale, ..context.clone() }, sharp.unwrap_or(hypothesis));
                 self.report_sources(outcome);
                 self.conclude(context, &self.pattern_sources(context), &hypothesis, FoundBy::LostInSpace, outcome);
                 outcome.times.fit += context.watch.elapsed() - started;

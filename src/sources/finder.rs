@@ -273,7 +273,6 @@ impl Finder {
         sources: &mut Vec<Source>,
     ) -> bool {
         sources.clear();
-        let settings = look.settings;
         let mut peaks = std::mem::take(&mut self.peaks);
         let finished = match self.surveyed.iter_mut().find(|survey| survey.kernel == kernel) {
             Some(survey) => {
@@ -286,6 +285,43 @@ impl Finder {
         if !finished {
             return false;
         }
+        self.measure(frame, cells, look, kernel, sources);
+        true
+    }
+
+    /// Finds sharp sources next to places, px, alone: where stars are known to be. All centres are fitted.
+    pub fn find_at(
+        &mut self,
+        frame: &Frame,
+        cells: &CellStatistics,
+        look: &Look<'_>,
+        places: impl Iterator<Item = (f64, f64)>,
+        sources: &mut Vec<Source>,
+    ) {
+        sources.clear();
+        let kernel = SearchKernel::Sharp;
+        let bin = 1usize << kernel.search_scale();
+        let masked = look.masked_at(kernel.search_scale());
+        self.peaks.clear();
+        self.peaks.extend(places.filter(|(x, y)| *x >= 0.0 && *y >= 0.0).map(|(x, y)| {
+            let sample = |c: f64| (c + 0.5) as usize / bin;
+            Peak { x: sample(x), y: sample(y), height: 0.0 }
+        }));
+        self.peaks.retain(|peak| !masked(peak.x, peak.y));
+        self.measure(frame, cells, look, kernel, sources);
+        self.complete(sources);
+    }
+
+    /// From the peaks of a search to its sources.
+    fn measure(
+        &mut self,
+        frame: &Frame,
+        cells: &CellStatistics,
+        look: &Look<'_>,
+        kernel: SearchKernel,
+        sources: &mut Vec<Source>,
+    ) {
+        let settings = look.settings;
         let scale = kernel.scale();
         let bin = 1usize << scale;
         self.measure_peaks(frame, cells, look, kernel);
@@ -300,10 +336,9 @@ impl Finder {
             cells,
             bin,
             first: kernel.shape(),
-            enough: look.settings.max_sources as usize,
+            enough: settings.max_sources as usize,
             sources,
         });
-        true
     }
 
     /// Fits the centres of the sources of the last search that were not worth it before a pattern was found. The first ones, which
