@@ -21,7 +21,7 @@ impl Solver {
         let stars = known_stars(context, &found.pose, &found.matches, &self.pattern_sources(context));
         let light = self.finder.light(&self.cells, &stars.iter().map(|(_, star)| *star).collect::<Vec<_>>())?;
         let (dx, dy) = light.middle;
-        if light.axes.0 >= WHOLE_LIGHT_PX || light.doubtful || dx.hypot(dy) > NEAR_PX {
+        if light.axes.0 >= WHOLE_LIGHT_PX || dx.hypot(dy) > NEAR_PX {
             return None;
         }
         let places = stars.iter().map(|(_, star)| (star.x + dx, star.y + dy)).take(look.settings.max_found as usize);
