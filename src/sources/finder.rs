@@ -10,7 +10,7 @@ use super::lines;
 use super::measure::{CoreTemplate, Patch, Shape, Standing, summit};
 use super::peaks::{Peak, PeakFinder, PeakRules, Taps};
 use super::plane::{Clipped, HalveScratch, MARGIN, Picture, Plane, halve};
-use super::trails::{self, TrailFinder};
+use super::trails;
 use crate::image::{CELL_PX, CellStatistics, Frame};
 use crate::settings::SourceSettings;
 use crate::sky::{Kernel, with_vectors};
@@ -58,7 +58,7 @@ impl Look<'_> {
             ring: kernel.ring(),
             border: (self.settings.border_px as usize >> scale).max(MARGIN),
             cell: rules_cell(self.settings, scale),
-            per_cell: self.settings.max_per_cell as usize * PEAKS_PER_SOURCE,
+            per_cell: self.settings.max_per_cell as usize * if kernel == SearchKernel::Sharp { SHARP_PEAKS } else { WIDE_PEAKS },
             thresholds,
             threshold_columns: plane.width.div_ceil(CELL_PX),
             masked,
@@ -86,8 +86,10 @@ impl Candidate {
     }
 }
 
-/// Peaks kept in a cell for each source that it may give, so that artefacts do not push stars out before they are recognised.
-const PEAKS_PER_SOURCE: usize = 12;
+/// Peaks kept in a cell for each source that it may give, so that artefacts do not push stars out before they are recognised. (Trials:
+/// with half as many sharp ones 3 of 220 frames with edges are lost.)
+const SHARP_PEAKS: usize = 12;
+const WIDE_PEAKS: usize = 6;
 /// Sources nearer to a better one than this are part of it, samples.
 const SEPARATION: f32 = 4.0;
 /// Stars that the frame's own shape is taken from, the signal they need, and how many make a median.
@@ -139,7 +141,6 @@ pub struct Finder {
     /// Scales of `halved` that belong to the present frame.
     halved_ready: usize,
     finder: PeakFinder,
-    trail_finder: TrailFinder,
     /// The picture smoothed at the scale of the last search, above its level.
     smooth: Plane,
     peaks: Vec<Peak>,
@@ -188,8 +189,8 @@ impl Finder {
         Some(self.surveyed.iter().map(|survey| survey.kernel).collect())
     }
 
-    /// The direction in which most stands out in the picture halved `scale` times, judged by what lies beside the peaks of the round
-    /// kernel, and its peaks; `None` where it was told not to keep on.
+    /// The direction in which most stands out in the picture halved `scale` times, and its peaks, which lie beside those of the round
+    /// kernel; `None` where it was told not to keep on.
     fn survey_trails(
         &mut self,
         frame: &Frame,
@@ -201,10 +202,7 @@ impl Finder {
         let mut best: Option<Survey> = None;
         for direction in 0..trails::DIRECTIONS {
             let kernel = SearchKernel::Trail { scale, direction };
-            let mut peaks = Vec::new();
-            self.with_trail_rules(look, kernel, direction, |_, smooth, rules| {
-                TrailFinder::near(smooth, rules, round, direction, &mut peaks);
-            });
+            let peaks = self.find_trails(look, kernel, direction, round);
             let trail = self.judged(frame, cells, look, kernel, peaks);
             if best.as_ref().is_none_or(|best| trail.score > best.score) {
                 best = Some(trail);
@@ -213,13 +211,7 @@ impl Finder {
                 return None;
             }
         }
-        let mut best = best?;
-        if let SearchKernel::Trail { direction, .. } = best.kernel {
-            self.with_trail_rules(look, best.kernel, direction, |finder, smooth, rules| {
-                finder.find(smooth, rules, direction, &mut best.peaks);
-            });
-        }
-        Some(best)
+        best
     }
 
     /// What a kernel's peaks are worth: how confident the best of those are that have its shape.
@@ -368,18 +360,14 @@ impl Finder {
         self.finder.find(plane, &rules, look.keep_on, whole, peaks)
     }
 
-    /// A search along a direction in the smoothed picture of the round kernel just searched with.
-    fn with_trail_rules(
-        &mut self,
-        look: &Look<'_>,
-        kernel: SearchKernel,
-        direction: usize,
-        search: impl FnOnce(&mut TrailFinder, &Plane, &PeakRules<'_>),
-    ) {
+    /// The peaks along a direction, in the smoothed picture of the round kernel just searched with.
+    fn find_trails(&self, look: &Look<'_>, kernel: SearchKernel, direction: usize, round: &[Peak]) -> Vec<Peak> {
         let thresholds: Vec<f32> = self.thresholds.iter().map(|threshold| trails::noise(direction) * threshold).collect();
         let masked = look.masked_at(kernel.scale());
         let rules = PeakRules { per_cell: TRAILS_PER_CELL, ..look.rules(kernel, &self.smooth, &thresholds, &masked) };
-        search(&mut self.trail_finder, &self.smooth, &rules);
+        let mut peaks = Vec::new();
+        trails::find(&self.smooth, &rules, round, direction, &mut peaks);
+        peaks
     }
 
     /// Where the light of stars at known places lies, brightest first; `None` where it cannot be told.

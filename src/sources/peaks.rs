@@ -295,7 +295,7 @@ fn smooth_along(row: &[f32], levels: [&[f32]; 2], part: f32, (side, middle): (f3
 
 /// Keeps the peaks of the middle one of three rows, which is row `y`. `columns`: cells along a row.
 #[inline(always)]
-pub fn scan_row(rows: [&[f32]; 3], y: usize, columns: usize, rules: &PeakRules<'_>, cells: &mut [Vec<Peak>]) {
+fn scan_row(rows: [&[f32]; 3], y: usize, columns: usize, rules: &PeakRules<'_>, cells: &mut [Vec<Peak>]) {
     let here = rows[1];
     let width = here.len();
     let thresholds = rules.thresholds_of_row(y);

@@ -6,9 +6,8 @@
 #![allow(clippy::indexing_slicing, reason = "a numeric kernel: rows are cut from the plane's own size")]
 
 use super::measure::Shape;
-use super::peaks::{Peak, PeakRules, scan_row};
+use super::peaks::{Peak, PeakRules};
 use super::plane::Plane;
-use crate::sky::{Kernel, with_vectors};
 
 /// Directions over half a turn.
 pub const DIRECTIONS: usize = 8;
@@ -44,66 +43,26 @@ pub fn shape_of(direction: usize) -> Shape {
     Shape { xx: LENGTHS_SQ * dx * dx + 1.0, yy: LENGTHS_SQ * dy * dy + 1.0, xy: LENGTHS_SQ * dx * dy }
 }
 
-/// The memory of a search.
-#[derive(Debug, Clone, Default)]
-pub struct TrailFinder {
-    sums: [Vec<f32>; 3],
-    cells: Vec<Vec<Peak>>,
-}
-
-impl TrailFinder {
-    /// Finds the peaks of a smoothed picture along a direction, cell after cell, the highest of each first. `rules`: as for the smoothed
-    /// picture itself, with thresholds for this kernel's noise.
-    pub fn find(&mut self, smooth: &Plane, rules: &PeakRules<'_>, direction: usize, peaks: &mut Vec<Peak>) {
-        with_vectors(Search { finder: self, smooth, rules, direction, peaks });
+/// The best peaks of each cell along a direction, looked for beside its highest round peaks alone: a line that stands out has some of
+/// them on it. `round`: peaks of the smoothed picture, cell after cell, the highest of each first.
+pub fn find(smooth: &Plane, rules: &PeakRules<'_>, round: &[Peak], direction: usize, peaks: &mut Vec<Peak>) {
+    peaks.clear();
+    let border = rules.border.max(BESIDE + REACH);
+    if smooth.width <= 2 * border || smooth.height <= 2 * border || rules.cell == 0 {
+        return;
     }
-
-    /// The best peaks of each cell along a direction, looked for beside its highest round peaks alone: what stands out along a line does
-    /// so in part wherever a sample is. `round`: peaks of the smoothed picture, cell after cell, the highest of each first.
-    pub fn near(smooth: &Plane, rules: &PeakRules<'_>, round: &[Peak], direction: usize, peaks: &mut Vec<Peak>) {
-        peaks.clear();
-        let border = rules.border.max(BESIDE + REACH);
-        if smooth.width <= 2 * border || smooth.height <= 2 * border || rules.cell == 0 {
-            return;
-        }
-        let (columns, rows) = (border..smooth.width - border, border..smooth.height - border);
-        for of_cell in round.chunk_by(|a, b| rules.cell_of(a) == rules.cell_of(b)) {
-            let first = peaks.len();
-            for start in of_cell.iter().take(ROUND_PER_CELL).filter(|p| columns.contains(&p.x) && rows.contains(&p.y)) {
-                let peak = highest_beside(smooth, start, direction);
-                let known = peaks[first..].iter().any(|p| (p.x, p.y) == (peak.x, peak.y));
-                if peak.height > rules.threshold_at(peak.x, peak.y) && !known && !(rules.masked)(peak.x, peak.y) {
-                    peaks.push(peak);
-                }
-            }
-            peaks[first..].sort_by(|a, b| b.height.total_cmp(&a.height));
-            peaks.truncate(first + rules.per_cell);
-        }
-    }
-
-    #[inline(always)]
-    fn search(&mut self, smooth: &Plane, rules: &PeakRules<'_>, direction: usize, peaks: &mut Vec<Peak>) {
-        peaks.clear();
-        let (width, height) = (smooth.width, smooth.height);
-        if width <= 2 * rules.border || height <= 2 * rules.border || rules.cell == 0 {
-            return;
-        }
-        let columns = width.div_ceil(rules.cell);
-        self.cells.resize_with(columns * height.div_ceil(rules.cell), Vec::new);
-        self.cells.iter_mut().for_each(Vec::clear);
-        self.sums.iter_mut().for_each(|row| row.resize(width, 0.0));
-        let (dx, dy) = ARMS[direction % DIRECTIONS];
-        let first = rules.border - 1;
-        for y in first..height - first {
-            mean_of_three([smooth.row(y - dy), smooth.row(y), smooth.row(y + dy)], dx, &mut self.sums[y % 3]);
-            if y >= first + 2 {
-                let rows = [&self.sums[(y + 1) % 3][..], &self.sums[(y + 2) % 3], &self.sums[y % 3]];
-                scan_row(rows, y - 1, columns, rules, &mut self.cells);
+    let (columns, rows) = (border..smooth.width - border, border..smooth.height - border);
+    for of_cell in round.chunk_by(|a, b| rules.cell_of(a) == rules.cell_of(b)) {
+        let first = peaks.len();
+        for start in of_cell.iter().take(ROUND_PER_CELL).filter(|p| columns.contains(&p.x) && rows.contains(&p.y)) {
+            let peak = highest_beside(smooth, start, direction);
+            let known = peaks[first..].iter().any(|p| (p.x, p.y) == (peak.x, peak.y));
+            if peak.height > rules.threshold_at(peak.x, peak.y) && !known && !(rules.masked)(peak.x, peak.y) {
+                peaks.push(peak);
             }
         }
-        for cell in &self.cells {
-            peaks.extend_from_slice(cell);
-        }
+        peaks[first..].sort_by(|a, b| b.height.total_cmp(&a.height));
+        peaks.truncate(first + rules.per_cell);
     }
 }
 
@@ -123,36 +82,6 @@ fn highest_beside(smooth: &Plane, start: &Peak, direction: usize) -> Peak {
         }
     }
     best
-}
-
-struct Search<'a> {
-    finder: &'a mut TrailFinder,
-    smooth: &'a Plane,
-    rules: &'a PeakRules<'a>,
-    direction: usize,
-    peaks: &'a mut Vec<Peak>,
-}
-
-impl Kernel for Search<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        self.finder.search(self.smooth, self.rules, self.direction, self.peaks);
-    }
-}
-
-/// Means of each sample of the middle row, the one `dx` before it in the first row, and the one `dx` after it in the last.
-#[inline(always)]
-fn mean_of_three(rows: [&[f32]; 3], dx: isize, out: &mut [f32]) {
-    let reach = dx.unsigned_abs();
-    let n = out.len() - 2 * reach;
-    let (before, after) = if dx < 0 { (2 * reach, 0) } else { (0, 2 * reach) };
-    let (one, here, other) = (&rows[0][before..][..n], &rows[1][reach..][..n], &rows[2][after..][..n]);
-    let out = &mut out[reach..][..n];
-    for x in 0..n {
-        out[x] = (one[x] + here[x] + other[x]) * (1.0 / 3.0);
-    }
 }
 
 #[cfg(test)]
@@ -190,11 +119,11 @@ mod tests {
             masked: &|_, _| false,
         };
         for direction in 0..DIRECTIONS {
-            let (mut smooth, mut peaks) = (Plane::default(), Vec::new());
-            assert!(PeakFinder::default().find(&trail(direction), &rules, &|| true, Some(&mut smooth), &mut peaks));
+            let (mut smooth, mut round) = (Plane::default(), Vec::new());
+            assert!(PeakFinder::default().find(&trail(direction), &rules, &|| true, Some(&mut smooth), &mut round));
             let height = |d: usize| {
                 let mut peaks = Vec::new();
-                TrailFinder::default().find(&smooth, &rules, d, &mut peaks);
+                find(&smooth, &rules, &round, d, &mut peaks);
                 let highest = peaks.iter().max_by(|a, b| a.height.total_cmp(&b.height)).unwrap();
                 assert!(highest.x.abs_diff(60) <= 1 && highest.y.abs_diff(50) <= 1, "{highest:?}");
                 highest.height
