@@ -37,9 +37,12 @@ const TOO_BRIGHT_FRACTION: f64 = 0.95;
 const WORST_RMS_PX: f64 = 1.5;
 /// Sources that a pattern and its check need at least.
 const LEAST_SOURCES: usize = 4;
-/// Lists of sources of one frame, which share its budget of candidates: that of the sharp kernel and those of the best wide ones.
-/// (Trials: of 325 frames of the hard kinds every one that is solved at all is solved with 1500 candidates of one list.)
-const LISTS: u64 = 4;
+/// Wide kernels that a frame is searched with, of those in which most stands out.
+const WIDE_LISTS: usize = 3;
+/// The sharp list of sources has one part in this many of the budget of candidates, each wide one this. (Trials: of 440 frames of the
+/// hard kinds that are solved at all every one is solved with 750 candidates of its sharp list or 400 of a wide one.)
+const SHARP_PART: u64 = 4;
+const WIDE_PART: u64 = 12;
 /// A candidate less unlikely than this to be chance is worth reporting as `undecided`, ln.
 const UNDECIDED_FALSE_LN: f64 = 0.0;
 
@@ -256,7 +259,12 @@ impl Solver {
             stopped(outcome, search.watch.stop().unwrap_or(Stop::Aborted));
             return;
         };
-        for kernel in kernels.into_iter().take(LISTS as usize - 1) {
+        self.search_lists(search, kernels, outcome);
+    }
+
+    /// Searches with wide kernels that were surveyed, until the frame is done with.
+    fn search_lists(&mut self, search: &Search<'_>, kernels: Vec<SearchKernel>, outcome: &mut Outcome) {
+        for kernel in kernels.into_iter().take(WIDE_LISTS) {
             if self.search_with(search, kernel, outcome) {
                 break;
             }
@@ -366,7 +374,7 @@ impl Solver {
         let rules = SearchRules {
             min_matched: settings.matching.min_matched as usize,
             max_false_ln: settings.matching.max_false_probability_log10 * std::f64::consts::LN_10,
-            budget: u64::from(settings.matching.candidate_budget).div_ceil(LISTS),
+            budget: u64::from(settings.matching.candidate_budget).div_ceil(if context.scale == 0 { SHARP_PART } else { WIDE_PART }),
             region: (!context.circles.is_empty()).then_some((fraction, &inside)),
             region_only: settings.prior_veto && !context.circles.is_empty(),
             stop: &|| context.watch.stop(),
