@@ -433,6 +433,17 @@ def score_tracking(verdict, bench_file):
     verdict("match of float frames with a prior, no slower than without", f"{told:.3f} ms, {alone:.3f} ms", told <= 1.1 * alone)
 
 
+def score_threads(verdict, bench_file):
+    """What a second thread is worth, from what `cargo bench --bench threads` printed."""
+    text = Path(bench_file).read_text()
+    print(text.strip())
+    rows = [line.split() for line in text.splitlines() if len(line.split()) == 5]
+    robust = {kind: float(ratio) for kind, count, _, _, ratio in rows if count.isdigit() and kind in ("defocus30", "nostars")}
+    for kind, ratio in robust.items():
+        verdict(f"{kind}, which need the robust search: two threads, at most 0.85 of the time of one", f"{ratio:.2f}", ratio <= 0.85)
+    verdict("kinds that need the robust search: 2", f"{len(robust)}", len(robust) == 2)
+
+
 def score_lists(verdict, bench_file):
     """Lists of sources, from what `cargo bench --bench lists` printed."""
     text = Path(bench_file).read_text()
@@ -513,6 +524,8 @@ def main(arguments):
             score_refusal(verdict, bench)
         case ["lists", bench]:
             score_lists(verdict, bench)
+        case ["threads", bench]:
+            score_threads(verdict, bench)
         case ["tracking", bench]:
             score_tracking(verdict, bench)
         case ["peers", directory]:

@@ -8,7 +8,7 @@ use shared::solver_with;
 use stars::settings::Settings;
 use stars::simulate::sky::{Kind, RenderSpec, render};
 use stars::solve::{Cause, Outcome, Prior, Reason, Stop, Unwatched, Watch};
-use std::cell::Cell;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 /// A prior far from nearly every frame, which is let veto.
@@ -85,15 +85,16 @@ fn nothing_that_only_explains_is_served() {
 }
 
 /// A watch that says to stop from the n-th question on.
-struct StopsAfter(Cell<u32>);
+struct StopsAfter(AtomicU32);
 
 impl Watch for StopsAfter {
     fn elapsed(&self) -> Duration {
         Duration::ZERO
     }
     fn stop(&self) -> Option<Stop> {
-        self.0.set(self.0.get().saturating_sub(1));
-        (self.0.get() == 0).then_some(Stop::Aborted)
+        let asked = self.0.load(Ordering::Relaxed).saturating_sub(1);
+        self.0.store(asked, Ordering::Relaxed);
+        (asked == 0).then_some(Stop::Aborted)
     }
 }
 
@@ -102,7 +103,7 @@ fn a_stop_ends_a_diagnosis_too() {
     let mut solver = solver_with(|_| ());
     let rendered = render(&RenderSpec::new(Kind::Spoilt(Cause::WrongPlatescale), 77, 0), solver.catalogue()).unwrap();
     let mut end =
-        |questions: u32| -> Outcome { solver.solve(&rendered.frame, &Prior::default(), &StopsAfter(Cell::new(questions))) };
+        |questions: u32| -> Outcome { solver.solve(&rendered.frame, &Prior::default(), &StopsAfter(AtomicU32::new(questions))) };
     assert_eq!(end(u32::MAX).cause, Some(Cause::WrongPlatescale));
     // However early or late the stop comes: no panic, and a cause only where it was found.
     for questions in [1, 10, 100, 300, 1000, 3000] {

@@ -9,10 +9,10 @@ use stars::image::{self, Frame};
 use stars::settings::Settings;
 use stars::simulate::sky::{Kind, RenderSpec, Rendered, render};
 use stars::sky::{ARCSEC, Attitude, DEG, HOUR, Observer, RowOrder, separation};
-use stars::solve::{Cause, Outcome, Prior, Reason, Solver, Stop, Unwatched, Watch};
-use std::cell::Cell;
+use stars::solve::{Cause, Outcome, Prior, Reason, SearchMode, Solver, Stop, Unwatched, Watch};
 use std::path::PathBuf;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 fn solver() -> Solver {
@@ -150,15 +150,16 @@ fn a_solver_that_is_switched_off_says_so() {
 }
 
 /// A watch that says stop after being asked so many times.
-struct StopAfter(Cell<usize>, Stop);
+struct StopAfter(AtomicUsize, Stop);
 
 impl Watch for StopAfter {
     fn elapsed(&self) -> Duration {
         Duration::ZERO
     }
     fn stop(&self) -> Option<Stop> {
-        self.0.set(self.0.get().saturating_sub(1));
-        (self.0.get() == 0).then_some(self.1)
+        let asked = self.0.load(Ordering::Relaxed).saturating_sub(1);
+        self.0.store(asked, Ordering::Relaxed);
+        (asked == 0).then_some(self.1)
     }
 }
 
@@ -166,17 +167,41 @@ impl Watch for StopAfter {
 fn a_stop_is_obeyed_at_whatever_point_it_comes() {
     let mut solver = solver();
     let frame = rendered(Kind::NoStars, 1).frame;
-    let patient = StopAfter(Cell::new(usize::MAX), Stop::TimedOut);
+    let patient = StopAfter(AtomicUsize::new(usize::MAX), Stop::TimedOut);
     assert_eq!(solver.solve(&frame, &Prior::default(), &patient).reason, Reason::NoMatch);
-    let asked_in_all = usize::MAX - patient.0.get();
+    let asked_in_all = usize::MAX - patient.0.load(Ordering::Relaxed);
     assert!(asked_in_all > 40, "{asked_in_all}");
     // (Once every pattern was tried, the outcome stands, and only the search for its cause ends.)
     for asked in [1, 2, 10, 20, 30, 40] {
-        let watch = StopAfter(Cell::new(asked), Stop::TimedOut);
+        let watch = StopAfter(AtomicUsize::new(asked), Stop::TimedOut);
         assert_eq!(solver.solve(&frame, &Prior::default(), &watch).reason, Reason::TimedOut, "{asked}");
     }
-    let watch = StopAfter(Cell::new(5), Stop::Aborted);
+    let watch = StopAfter(AtomicUsize::new(5), Stop::Aborted);
     assert_eq!(solver.solve(&frame, &Prior::default(), &watch).reason, Reason::Aborted);
+}
+
+#[test]
+fn two_threads_end_as_one_does_and_obey_a_stop() {
+    let (mut one, mut two) = (solver(), solver_with(|s| s.solver.threads = 2));
+    let kinds = [Kind::Float, Kind::Gradient, Kind::Defocus30, Kind::Motion, Kind::Motion, Kind::Saturated, Kind::NoStars];
+    let (mut normal, mut robust, mut unsolved) = (0, 0, 0);
+    for (index, kind) in kinds.into_iter().enumerate() {
+        let frame = rendered(kind, index as u64).frame;
+        let outcomes = [&mut one, &mut two].map(|solver| {
+            let mut outcome = solve(solver, &frame);
+            outcome.times = Default::default();
+            outcome
+        });
+        match (&outcomes[0].solution, outcomes[0].mode) {
+            (None, _) => unsolved += 1,
+            (_, SearchMode::Normal) => normal += 1,
+            (_, SearchMode::Robust) => robust += 1,
+        }
+        assert_eq!(format!("{:?}", outcomes[0]), format!("{:?}", outcomes[1]), "{kind:?}");
+    }
+    assert!(normal > 0 && robust > 0 && unsolved > 0, "{normal} {robust} {unsolved}");
+    let watch = StopAfter(AtomicUsize::new(5), Stop::Aborted);
+    assert_eq!(two.solve(&rendered(Kind::NoStars, 1).frame, &Prior::default(), &watch).reason, Reason::Aborted);
 }
 
 #[test]

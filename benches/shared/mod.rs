@@ -1,11 +1,12 @@
 //! What the benches share: the thread's own clock, and quantiles.
 
+#![allow(dead_code, reason = "each bench is a program of its own, and does not use all of this")]
+
 use rustix::time::{ClockId, clock_gettime};
 use stars::solve::{Stop, Watch};
 use std::time::Duration;
 
 /// A watch by the thread's own clock, which never says to stop.
-#[allow(dead_code, reason = "each bench is a program of its own, and those without frames have no solver to watch")]
 pub struct CpuWatch;
 
 impl Watch for CpuWatch {

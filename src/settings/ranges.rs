@@ -116,6 +116,7 @@ pub(super) const RULES: &[Rule] = &[
     switch("solver.enabled"),
     number("solver.timeout_s", "s", 0.001, 3600.0),
     switch("solver.robust"),
+    whole("solver.threads", "threads", 1, 2),
     number("solver.saturation_limit_fraction", "fraction of the frame", 0.0, 1.0),
     switch("solver.prior_veto"),
     number("solver.sources.snr_threshold", "σ of the local noise", 0.0, 100.0),

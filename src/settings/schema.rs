@@ -157,6 +157,8 @@ pub struct SolverSettings {
     pub timeout_s: f64,
     /// Try again with wide kernels where the normal search did not solve.
     pub robust: bool,
+    /// Threads that work on one frame.
+    pub threads: u32,
     /// More saturated pixels than this end the frame as `saturated`, fraction of the frame.
     pub saturation_limit_fraction: f64,
     /// Refuse a solution that disagrees with the prior, however sure it is.

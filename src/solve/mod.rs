@@ -51,8 +51,9 @@ pub enum Stop {
     Aborted,
 }
 
-/// The solver's window on the world: how much time went by, and whether to stop. Asked every few milliseconds.
-pub trait Watch {
+/// The solver's window on the world: how much time went by, and whether to stop. Asked every few milliseconds, whether to stop also from
+/// the solver's second thread.
+pub trait Watch: Sync {
     /// Time since some fixed moment; only differences are used, and only to report.
     fn elapsed(&self) -> Duration;
     /// Whether to give up now.

@@ -16,6 +16,7 @@ use crate::settings::Settings;
 use crate::sky::{CameraModel, DEG, HOUR, Mat3, Observer, RowOrder, Vec3};
 use crate::sources::{Finder, Look, SearchKernel, Source};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Solves frames. Holds the catalogue, the index for one field, and the memory that a frame needs. A clone shares catalogue and
 /// index and has memory of its own.
@@ -24,8 +25,10 @@ pub struct Solver {
     pub(super) catalogue: Arc<Catalogue>,
     settings: Arc<Settings>,
     field: Option<Arc<Field>>,
-    pub(super) cells: CellStatistics,
+    pub(super) cells: Arc<CellStatistics>,
     pub(super) finder: Finder,
+    /// Surveys on a second thread, where there are two.
+    second: Finder,
     pub(super) found: Vec<Source>,
     /// What the searches of the present frame saw.
     pub(super) seen: Seen,
@@ -91,8 +94,9 @@ impl Solver {
             catalogue,
             settings,
             field: None,
-            cells: CellStatistics::default(),
+            cells: Arc::default(),
             finder: Finder::default(),
+            second: Finder::default(),
             found: Vec::new(),
             seen: Seen::default(),
         }
@@ -181,10 +185,14 @@ impl Solver {
     fn search(&mut self, search: &Search<'_>, normal: bool, robust: bool, outcome: &mut Outcome) {
         self.finder.begin(search.frame, &self.cells);
         self.seen = Seen::default();
-        let done = normal && self.search_with(search, SearchKernel::Sharp, outcome);
-        if robust && !done {
-            outcome.mode = SearchMode::Robust;
-            self.search_widely(search, outcome);
+        if normal && robust && self.settings.solver.threads > 1 {
+            self.search_abreast(search, outcome);
+        } else {
+            let done = normal && self.search_with(search, SearchKernel::Sharp, outcome);
+            if robust && !done {
+                outcome.mode = SearchMode::Robust;
+                self.search_widely(search, outcome);
+            }
         }
         self.diagnose(search, outcome);
     }
@@ -200,8 +208,8 @@ impl Solver {
         }
         let hint = self.settings.camera.full_scale_adu * u32::from(frame.stamp.exposures.max(1));
         let full_scale = frame.full_scale.or((hint > 0).then(|| hint.min(u32::from(u16::MAX)) as u16));
-        self.cells.measure(frame, full_scale);
-        let cells = &self.cells;
+        let cells = Arc::make_mut(&mut self.cells);
+        cells.measure(frame, full_scale);
         let fraction = cells.saturated_px as f64 / frame.pixels.len().max(1) as f64;
         let level = auto_level(frame);
         outcome.statistics = Some(Statistics {
@@ -260,6 +268,40 @@ impl Solver {
             return;
         };
         self.search_lists(search, kernels, outcome);
+    }
+
+    /// The normal search, while a second thread makes the survey that the robust one begins with: the outcome is that of one after the
+    /// other, and a frame that needs both has it sooner.
+    fn search_abreast(&mut self, search: &Search<'_>, outcome: &mut Outcome) {
+        let (mut second, cells, settings) = (std::mem::take(&mut self.second), self.cells.clone(), self.settings.clone());
+        let solved = AtomicBool::new(false);
+        let survey = || {
+            let keep_on = || !solved.load(Ordering::Relaxed) && search.watch.stop().is_none();
+            let look = Look { settings: &settings.solver.sources, masked: &search.masked(), keep_on: &keep_on };
+            second.begin(search.frame, &cells);
+            second.survey(search.frame, &cells, &look)
+        };
+        let kernels = std::thread::scope(|scope| {
+            // Where no thread is to be had the survey is made by the robust search itself.
+            let thread = std::thread::Builder::new().name("survey".into()).spawn_scoped(scope, survey).ok();
+            let done = self.search_with(search, SearchKernel::Sharp, outcome);
+            solved.store(done, Ordering::Relaxed);
+            let started = search.watch.elapsed();
+            let kernels = thread.map(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
+            outcome.times.find += search.watch.elapsed() - started;
+            (!done).then_some(kernels)
+        });
+        self.second = second;
+        let Some(kernels) = kernels else { return };
+        outcome.mode = SearchMode::Robust;
+        match kernels {
+            Some(Some(kernels)) => {
+                std::mem::swap(&mut self.finder, &mut self.second);
+                self.search_lists(search, kernels, outcome);
+            }
+            Some(None) => _ = stopped(outcome, search.watch.stop().unwrap_or(Stop::Aborted)),
+            None => self.search_widely(search, outcome),
+        }
     }
 
     /// Searches with wide kernels that were surveyed, until the frame is done with.
@@ -374,7 +416,11 @@ impl Solver {
         let rules = SearchRules {
             min_matched: settings.matching.min_matched as usize,
             max_false_ln: settings.matching.max_false_probability_log10 * std::f64::consts::LN_10,
-            budget: u64::from(settings.matching.candidate_budget).div_ceil(if context.scale == 0 { SHARP_PART } else { WIDE_PART }),
+            budget: u64::from(settings.matching.candidate_budget).div_ceil(if context.scale == 0 {
+                SHARP_PART
+            } else {
+                WIDE_PART
+            }),
             region: (!context.circles.is_empty()).then_some((fraction, &inside)),
             region_only: settings.prior_veto && !context.circles.is_empty(),
             stop: &|| context.watch.stop(),
