@@ -126,13 +126,14 @@ struct StarModel<'a> {
     centre: (f32, f32),
 }
 
-/// The ten different products of the slopes of (height, base, x, y); then the four products with the residual.
+/// The ten different products of the slopes of (height, base, x, y); then the four products with the residual, and its square.
 const PRODUCTS: usize = 10;
 const SLOPES: usize = 4;
+const RESIDUALS: usize = SLOPES + 1;
 
 impl StarModel<'_> {
     /// Sums of the normal equations over the samples within `reach` of the middle, weighted by the noise of sky and star: products of
-    /// the slopes (only where `matrix` is wanted), and slopes times residual.
+    /// the slopes (only where `matrix` is wanted), and slopes times residual, then the residual's square.
     #[inline(always)]
     fn normal_equations(
         &self,
@@ -141,11 +142,11 @@ impl StarModel<'_> {
         sigma: f32,
         gain: f32,
         matrix: bool,
-    ) -> ([f32; PRODUCTS], [f32; SLOPES]) {
+    ) -> ([f32; PRODUCTS], [f32; RESIDUALS]) {
         let weights = Weights::new(self.shape, self.centre, reach);
         let inverse = weights.inverse;
         let mut products = [[0f32; WIDTH]; PRODUCTS];
-        let mut right = [[0f32; WIDTH]; SLOPES];
+        let mut right = [[0f32; WIDTH]; RESIDUALS];
         for j in HALF - reach..=HALF + reach {
             let (dy, values) = weights.row(j);
             for i in 0..WIDTH {
@@ -162,8 +163,8 @@ impl StarModel<'_> {
                         products[n][i] += terms[n];
                     }
                 }
-                let terms = [wp * residual, w * residual, wx * residual, wy * residual];
-                for n in 0..SLOPES {
+                let terms = [wp * residual, w * residual, wx * residual, wy * residual, w * residual * residual];
+                for n in 0..RESIDUALS {
                     right[n][i] += terms[n];
                 }
             }
@@ -211,6 +212,10 @@ pub fn centroid(patch: &Patch, standing: &Standing, shape: &Shape, sigma: f32, g
     const FULL_STEPS: usize = 2;
     /// A step this small against the centre's σ ends the fit.
     const SETTLED: f32 = 0.02;
+    /// What the variance of a faint star's centre is larger by than the normal equations say, over its noise in height squared: the fit
+    /// ends where noise has made the star higher than it is (by three σ² in its square: of the height and of two places), and the place
+    /// errs in second order by as much again.
+    const SECOND_ORDER: f32 = 6.0;
     let reach = ((3.0 * shape.axes().0).ceil() as usize + 1).clamp(3, HALF);
     let peak_of_flux = {
         let det = shape.xx * shape.yy - shape.xy * shape.xy;
@@ -219,6 +224,7 @@ pub fn centroid(patch: &Patch, standing: &Standing, shape: &Shape, sigma: f32, g
     let (mut height, mut base) = (standing.flux * peak_of_flux, standing.base);
     let (mut cx, mut cy) = (0f32, 0f32);
     let mut sigma_xy = f32::NAN;
+    let (mut height_sigma, mut chi2) = (f32::NAN, 0f32);
     let mut inverse = nalgebra::Matrix4::identity();
     for number in 0..STEPS {
         let model = StarModel { shape, height, base, centre: (cx, cy) };
@@ -227,8 +233,11 @@ pub fn centroid(patch: &Patch, standing: &Standing, shape: &Shape, sigma: f32, g
         if full {
             inverse = inverse_of(&products)?;
             sigma_xy = (0.5 * (inverse[(2, 2)] + inverse[(3, 3)])).sqrt() as f32;
+            height_sigma = inverse[(0, 0)].sqrt() as f32;
         }
-        let step = inverse * nalgebra::Vector4::from(right.map(f64::from));
+        let [of_height, of_base, of_x, of_y, square] = right;
+        chi2 = square;
+        let step = inverse * nalgebra::Vector4::from([of_height, of_base, of_x, of_y].map(f64::from));
         height += step[0] as f32;
         base += step[1] as f32;
         // No step further than a sample: far off, the linear step overshoots.
@@ -242,7 +251,11 @@ pub fn centroid(patch: &Patch, standing: &Standing, shape: &Shape, sigma: f32, g
             break;
         }
     }
-    sigma_xy.is_finite().then(|| Centroid { x: cx, y: cy, sigma: sigma_xy, flux: height / peak_of_flux, base })
+    let dof = ((2 * reach + 1) * (2 * reach + 1) - SLOPES) as f32;
+    // A star that is not quite of the shape, or has something beside it, is as much less well known as it fits worse than chance has it.
+    let misfit = ((chi2 - (2.0 * dof).sqrt()) / dof).max(1.0);
+    let sigma = sigma_xy * (misfit * (1.0 + SECOND_ORDER * (height_sigma / height).powi(2))).sqrt();
+    sigma.is_finite().then(|| Centroid { x: cx, y: cy, sigma, flux: height / peak_of_flux, base })
 }
 
 #[cfg(test)]

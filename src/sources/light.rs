@@ -226,10 +226,12 @@ impl Light {
         let (mut dx, mut dy) = (0.0, 0.0);
         for step in 0..STEPS {
             let corner = corner_of(plane, star.x + BIN_PX as f64 * dx, star.y + BIN_PX as f64 * dy)?;
-            let mut right = Vector4::<f64>::zeros();
+            let (mut right, mut squares) = (Vector4::<f64>::zeros(), 0.0);
             for &n in &self.window {
                 let (x, y) = place(n);
-                right += slopes(n) * (f64::from(corner.bin(plane, n)) - gx * x - gy * y);
+                let light = f64::from(corner.bin(plane, n)) - gx * x - gy * y;
+                right += slopes(n) * light;
+                squares += light * light;
             }
             let found = inverse * right;
             let amplitude = found[0];
@@ -243,7 +245,9 @@ impl Light {
                 return None;
             }
             if (step_x.abs() < SETTLED && step_y.abs() < SETTLED) || step + 1 == STEPS {
-                let scale = (BIN_PX as f64 * noise / amplitude).powi(2);
+                // What fits worse than noise explains is as much less well known.
+                let misfit = (squares - right.dot(&found)) / (noise * noise * (self.window.len() as f64 - 4.0).max(1.0));
+                let scale = (BIN_PX as f64 * noise / amplitude).powi(2) * misfit.max(1.0);
                 return Some(PlacedStar {
                     x: star.x + self.middle.0 + BIN_PX as f64 * dx,
                     y: star.y + self.middle.1 + BIN_PX as f64 * dy,
