@@ -70,7 +70,7 @@ pub struct Light {
     window: Vec<usize>,
     /// From the given places to the middle of the light, px.
     pub middle: (f64, f64),
-    /// One σ of it per axis, px.
+    /// One σ of it per axis, px. The stars' own places, measured with this light, err by no more on the mean: they make it.
     pub sigma: f64,
     /// Root mean square extent along the long and the short axis, px.
     pub axes: (f64, f64),
@@ -78,6 +78,14 @@ pub struct Light {
     pub doubtful: bool,
     /// It comes near the border of what is looked at, and may go on beyond: the middle may be anywhere within [`REACH_PX`].
     pub cut: bool,
+    /// Most that a star counted for, and what all of them did together.
+    most: f32,
+    all: f32,
+}
+
+/// What a star counts for where several are laid on top of each other: the inverse of its variance.
+fn weight_of(star: &KnownStar, noise: f32) -> f32 {
+    (star.flux as f32 / noise).powi(2)
 }
 
 impl Light {
@@ -97,7 +105,6 @@ impl Light {
             return None;
         }
         // No star counts for more than the fourth brightest, so that what one of them has beside it is not taken for light of all.
-        let weight_of = |star: &KnownStar, noise: f32| (star.flux as f32 / noise).powi(2);
         let mut weights: Vec<f32> = seen.iter().map(|(star, noise, _)| weight_of(star, *noise)).collect();
         let mut sorted = weights.clone();
         sorted.sort_by(|a, b| b.total_cmp(a));
@@ -123,13 +130,16 @@ impl Light {
                 row.iter_mut().for_each(|bin| *bin *= share);
             }
             with_vectors(WeightedMedians { rows: &rows, weights: &weights, medians: &mut stack });
-            light = Some(Self::of_stack(&stack, sigma, &seen)?);
+            light = Some(Self { most, all: weights.iter().sum(), ..Self::of_stack(&stack, sigma, &seen)? });
         }
         light
     }
 
     /// The light in a stack whose bins have the noise `sigma`.
     fn of_stack(stack: &[f32], sigma: f32, seen: &[Seen]) -> Option<Self> {
+        /// Bins interpolated at any phase have this part of the noise of those of the picture; and that of neighbours, which is alike, is
+        /// so no more where each bin's median is another star's.
+        const INTERPOLATED: f64 = 2.0 / 3.0;
         let pieces = pieces_of(stack, sigma);
         let brightest = pieces.iter().map(|p| p.flux).fold(0.0, f32::max);
         let mut lit = vec![false; N];
@@ -172,10 +182,12 @@ impl Light {
             shares,
             window: (0..N).filter(|&n| window[n] && is_inner(n)).collect(),
             middle: (bin * mx, bin * my),
-            sigma: bin * f64::from(sigma / total) * (0.5 * spread).sqrt(),
+            sigma: bin * INTERPOLATED * f64::from(sigma / total) * (0.5 * spread).sqrt(),
             axes: (bin * (mean + half).max(0.0).sqrt(), bin * (mean - half).max(0.0).sqrt()),
             doubtful,
             cut: (0..N).any(|n| lit[n] && !is_clear_of_rim(n)),
+            most: 0.0,
+            all: f32::INFINITY,
         })
     }
 
@@ -248,9 +260,13 @@ impl Light {
                 // What fits worse than noise explains is as much less well known.
                 let misfit = (squares - right.dot(&found)) / (noise * noise * (self.window.len() as f64 - 4.0).max(1.0));
                 let scale = (BIN_PX as f64 * noise / amplitude).powi(2) * misfit.max(1.0);
+                // The template has the star's own light in it, where it was thought to be: so much less does it seem to be elsewhere.
+                const MOST_OWN: f64 = 0.5;
+                let own = f64::from(weight_of(star, noise as f32).min(self.most) / self.all).min(MOST_OWN);
+                let per_bin = BIN_PX as f64 / (1.0 - own);
                 return Some(PlacedStar {
-                    x: star.x + self.middle.0 + BIN_PX as f64 * dx,
-                    y: star.y + self.middle.1 + BIN_PX as f64 * dy,
+                    x: star.x + self.middle.0 + per_bin * dx,
+                    y: star.y + self.middle.1 + per_bin * dy,
                     covariance: (scale * inverse[(2, 2)], scale * inverse[(3, 3)], scale * inverse[(2, 3)]),
                     flux: amplitude * (BIN_PX * BIN_PX) as f64,
                     snr,
@@ -472,8 +488,12 @@ mod tests {
     /// Stars, each of pieces at the given offsets with the given weights, on a noisy sky: the picture halved once, its statistics, and
     /// the stars at their places.
     fn picture(pieces: &[(f64, f64, f64)], flux: f64) -> (Plane, CellStatistics, Vec<KnownStar>) {
+        picture_of(5, pieces, flux)
+    }
+
+    fn picture_of(seed: u64, pieces: &[(f64, f64, f64)], flux: f64) -> (Plane, CellStatistics, Vec<KnownStar>) {
         let (w, h) = (800, 600);
-        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         let mut light = vec![0f64; w * h];
         let stars: Vec<KnownStar> = (0..12)
             .map(|_| KnownStar {
@@ -515,6 +535,20 @@ mod tests {
             light.sigma
         );
         assert!(light.axes.0 < 2.0);
+    }
+
+    #[test]
+    fn the_middle_errs_by_its_sigma() {
+        let trail: Vec<(f64, f64, f64)> = (0..11).map(|i| (f64::from(i) - 5.0, 0.0, 1.0 / 11.0)).collect();
+        let (mut squares, mut count) = (0.0, 0.0);
+        for seed in 0..24 {
+            let (plane, cells, stars) = picture_of(seed, &trail, 700.0);
+            let Some(light) = Light::of(&plane, &cells, &stars) else { continue };
+            squares += (light.middle.0.powi(2) + light.middle.1.powi(2)) / (light.sigma * light.sigma);
+            count += 2.0;
+        }
+        // Of 48 squares of normal numbers the mean is 1 ± 0.2.
+        assert!(count > 40.0 && (0.55..1.6).contains(&(squares / count)), "{} of {count}", squares / count);
     }
 
     #[test]
