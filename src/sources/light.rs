@@ -78,9 +78,11 @@ pub struct Light {
     pub doubtful: bool,
     /// It comes near the border of what is looked at, and may go on beyond: the middle may be anywhere within [`REACH_PX`].
     pub cut: bool,
-    /// Most that a star counted for, and what all of them did together.
+    /// Most that a star counted for, what all of them did together, and how far the template's bins move with those of one that counts
+    /// for all.
     most: f32,
     all: f32,
+    pull: f32,
 }
 
 /// What a star counts for where several are laid on top of each other: the inverse of its variance.
@@ -115,6 +117,10 @@ impl Light {
         let share_noise = |star: &KnownStar, noise: f32| noise / (star.flux as f32 / (BIN_PX * BIN_PX) as f32);
         let variance: f32 = seen.iter().zip(&weights).map(|((star, noise, _), w)| (w * share_noise(star, *noise)).powi(2)).sum();
         let sigma = MEDIAN_OVER_MEAN * variance.sqrt() / weights.iter().sum::<f32>();
+        let all: f32 = weights.iter().sum();
+        // Half over the density of the stars' values at the median.
+        let density: f32 = seen.iter().zip(&weights).map(|((star, noise, _), w)| w / share_noise(star, *noise)).sum();
+        let pull = MEDIAN_OVER_MEAN * all / density;
         let mut light: Option<Self> = None;
         let mut rows = vec![[0f32; N]; seen.len()];
         let mut stack = [0f32; N];
@@ -130,7 +136,7 @@ impl Light {
                 row.iter_mut().for_each(|bin| *bin *= share);
             }
             with_vectors(WeightedMedians { rows: &rows, weights: &weights, medians: &mut stack });
-            light = Some(Self { most, all: weights.iter().sum(), ..Self::of_stack(&stack, sigma, &seen)? });
+            light = Some(Self { most, all, pull, ..Self::of_stack(&stack, sigma, &seen)? });
         }
         light
     }
@@ -188,6 +194,7 @@ impl Light {
             cut: (0..N).any(|n| lit[n] && !is_clear_of_rim(n)),
             most: 0.0,
             all: f32::INFINITY,
+            pull: 0.0,
         })
     }
 
@@ -215,6 +222,20 @@ impl Light {
         }
     }
 
+    /// The template as it would be without a star, in whose own noise it would find itself again where it was thought to be.
+    ///
+    /// To first order in what the star counts for: the influence of one value on a median is the same however far off it is.
+    fn without(&self, plane: &Plane, star: &KnownStar, noise: f32) -> Option<Vec<f32>> {
+        let own = weight_of(star, noise).min(self.most) / self.all;
+        let bins = bins_around(plane, star.x, star.y)?;
+        let flux = star.flux as f32 / (BIN_PX * BIN_PX) as f32;
+        let without = |(&share, bin): (&f32, f32)| {
+            let is_lit = share != 0.0;
+            if is_lit { share - own * self.pull * (bin / flux - share).signum() } else { 0.0 }
+        };
+        Some(self.shares.iter().zip(bins).map(without).collect())
+    }
+
     /// Measures a star near its place: flux, sky and middle by weighted least squares with this light as the template.
     ///
     /// `None` where it is too faint, too far from its place, or too near the border.
@@ -224,9 +245,10 @@ impl Light {
         const SETTLED: f64 = 0.01;
         let noise = f64::from(cells.local_noise(star.x.max(0.0) as usize, star.y.max(0.0) as usize)) / BIN_PX as f64;
         let (gx, gy) = sky_slope(plane, star)?;
+        let template = self.without(plane, star, noise as f32)?;
         // The template stands still and the picture is taken where the star is thought to be: one matrix does for all steps.
         let slopes = |n: usize| {
-            let at = |m: usize| f64::from(self.shares[m]);
+            let at = |m: usize| f64::from(template[m]);
             Vector4::new(at(n), 1.0, 0.5 * (at(n - 1) - at(n + 1)), 0.5 * (at(n - SIDE) - at(n + SIDE)))
         };
         let mut normal = Matrix4::<f64>::zeros();
@@ -260,13 +282,9 @@ impl Light {
                 // What fits worse than noise explains is as much less well known.
                 let misfit = (squares - right.dot(&found)) / (noise * noise * (self.window.len() as f64 - 4.0).max(1.0));
                 let scale = (BIN_PX as f64 * noise / amplitude).powi(2) * misfit.max(1.0);
-                // The template has the star's own light in it, where it was thought to be: so much less does it seem to be elsewhere.
-                const MOST_OWN: f64 = 0.5;
-                let own = f64::from(weight_of(star, noise as f32).min(self.most) / self.all).min(MOST_OWN);
-                let per_bin = BIN_PX as f64 / (1.0 - own);
                 return Some(PlacedStar {
-                    x: star.x + self.middle.0 + per_bin * dx,
-                    y: star.y + self.middle.1 + per_bin * dy,
+                    x: star.x + self.middle.0 + BIN_PX as f64 * dx,
+                    y: star.y + self.middle.1 + BIN_PX as f64 * dy,
                     covariance: (scale * inverse[(2, 2)], scale * inverse[(3, 3)], scale * inverse[(2, 3)]),
                     flux: amplitude * (BIN_PX * BIN_PX) as f64,
                     snr,
