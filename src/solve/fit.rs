@@ -197,8 +197,8 @@ pub fn sky_jacobian(attitude: &Attitude) -> Mat3 {
 /// `None` where there are too few pairs, one lies behind the camera, or the steps do not settle.
 pub fn fit(pairs: &[Pair], start: &Pose, half_diagonal_px: f64, prior: &FitPrior) -> Option<Fit> {
     const STEPS: usize = 8;
-    /// A step this small, in px at the corner, ends the fit.
-    const SETTLED_PX: f64 = 1e-4;
+    /// A step this small, in px at the corner, ends the fit: what is left is far smaller, as its square is.
+    const SETTLED_PX: f64 = 1e-3;
     if pairs.len() < 2 {
         return None;
     }
