@@ -495,8 +495,9 @@ impl Solver {
         let common_px = common_px.max(copy_px);
         // What all sources have in common moves the boresight alone.
         let variance = (common_px * solution.platescale).powi(2);
-        let more = |at: usize| (variance - counted * solution.covariance[(at, at)]).max(0.0);
-        solution.covariance += Mat3::from_diagonal(&Vec3::new(more(0), more(1), 0.0));
+        let known = solution.covariance.diagonal() * counted;
+        let more = Vec3::new(variance - known.x, variance - known.y, 0.0).map(|v| v.max(0.0));
+        solution.covariance += Mat3::from_diagonal(&more);
         Some(solution)
     }
 

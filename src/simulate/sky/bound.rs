@@ -66,8 +66,8 @@ pub(super) fn photon_bound(scene: &Scene, stars: impl Iterator<Item = (Vec3, Mat
             information += moves.transpose() * of_place * moves;
         }
     }
-    let covariance = information.cholesky()?.inverse();
-    let bound = PhotonBound { axis: (0.5 * (covariance[(0, 0)] + covariance[(1, 1)])).sqrt(), roll: covariance[(2, 2)].sqrt() };
+    let variances = information.cholesky()?.inverse().diagonal();
+    let bound = PhotonBound { axis: (0.5 * (variances.x + variances.y)).sqrt(), roll: variances.z.sqrt() };
     (bound.axis.is_finite() && bound.roll.is_finite()).then_some(bound)
 }
 
@@ -102,9 +102,9 @@ mod tests {
             // Σ (∂λ/∂x)² of a Gaussian is F²/(8πσ⁴); a pixel widens it by a twelfth.
             let width = sigma * sigma + 1.0 / 12.0;
             let expected = flux * flux / (8.0 * std::f64::consts::PI * width * width) / sensor.noise_adu(sky).powi(2);
-            let got = (information[(0, 0)], information[(1, 1)]);
+            let got = (information.m11, information.m22);
             assert!((got.0 / expected - 1.0).abs() < 0.05 && (got.1 / expected - 1.0).abs() < 0.05, "{got:?} {expected}");
-            assert!(information[(0, 1)].abs() < 0.01 * expected);
+            assert!(information.m12.abs() < 0.01 * expected);
         }
     }
 }
