@@ -91,7 +91,7 @@ impl Draw<'_> {
     fn pose(&mut self) -> Pose {
         let attitude = Attitude::from_angles(self.uniform(0.0, TAU), self.uniform(-1.0, 1.0).asin(), self.uniform(-PI, PI));
         let scale = self.uniform(1.0 - PLATESCALE_KNOWN_TO, 1.0 + PLATESCALE_KNOWN_TO);
-        Pose { attitude, platescale: self.field.geometry.platescale * scale, k1: 0.0 }
+        Pose::undistorted(attitude, self.field.geometry.platescale * scale)
     }
 
     /// The `count` stars that look brightest at a pose.

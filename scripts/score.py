@@ -47,6 +47,10 @@ BLUR_SLACK = 0.25
 WANTED_SIZED = 90
 # Errors wanted at most, rms: per axis and in roll, arcsec.
 WANTED_RMS = {"float": (0.30, 13.0), "night": (0.11, 4.5)}
+# Median of the error over what the photons of the same frame allow, at most.
+WANTED_OVER_BOUND = 1.3
+# Errors of wide and narrow fields over their σ, rms, for each axis.
+WANTED_SCALE_SIGMAS = (0.7, 1.3)
 
 
 def unit(ra_deg, dec_deg):
@@ -288,8 +292,20 @@ def score_peers(verdict, directory):
     verdict("no wrong solution", f"{len(wrong)} of {len(pairs)} wrong {wrong[:5] or ''}".rstrip(), not wrong)
 
 
+def over_bound(right):
+    """Errors of right solutions over the photon bound of the same frame, rms of the two axes and roll; and the bounds, arcsec."""
+    axes, roll, bounds = [], [], []
+    for answer, truth in right:
+        if truth["bound_axis_arcsec"]:
+            east, north, turn = errors_arcsec(answer, truth)
+            axes.append(math.hypot(east, north) / math.sqrt(2) / truth["bound_axis_arcsec"])
+            roll.append(abs(turn) / truth["bound_roll_arcsec"])
+            bounds.append((truth["bound_axis_arcsec"], truth["bound_roll_arcsec"]))
+    return axes, roll, bounds
+
+
 def score_errors(verdict, directory):
-    """Errors of right solutions against their own σ, by kind and of all, and their rms."""
+    """Errors of right solutions against their own σ, by kind and of all; their rms, and against what the photons allow."""
     all_axes, all_roll = [], []
     for kind, pairs in report_kinds(read_directory(directory)).items():
         right = right_of(pairs)
@@ -304,6 +320,17 @@ def score_errors(verdict, directory):
             limits = WANTED_RMS[kind]
             passed = got[0] <= limits[0] and got[1] <= limits[1]
             verdict(f"{kind}: rms at most {limits[0]}″ per axis, {limits[1]}″ in roll", f"{got[0]:.3f}″, {got[1]:.2f}″", passed)
+        axes, roll, bounds = over_bound(right)
+        got = percentile(axes, 50), percentile(roll, 50)
+        said = (
+            f"{got[0]:.2f}, {got[1]:.2f} (bounds rms {rms([b[0] for b in bounds]):.3f}″, {rms([b[1] for b in bounds]):.2f}″; "
+            f"errors over bounds rms {rms(axes):.2f}, {rms(roll):.2f})"
+        )
+        if kind in WANTED_RMS:
+            verdict(f"{kind}: median of error over photon bound at most {WANTED_OVER_BOUND}, per axis and in roll", said,
+                    max(got) <= WANTED_OVER_BOUND)
+        else:
+            print(f"{kind}: median of error over photon bound, per axis and in roll: {said}")
     judge_spread(verdict, "all kinds, axes", all_axes, SLACK_OF_ALL)
     judge_spread(verdict, "all kinds, roll", all_roll, SLACK_OF_ALL)
 
@@ -317,7 +344,10 @@ def judge_spread(verdict, what, z, slack):
         and low <= mean_square(z) <= high
         and all(abs(got - share) <= s for got, share, s in zip(shares_within(z), NORMAL_SHARES, slack))
     )
-    verdict(f"{what}: within 1, 2, 3 σ {limits} %, χ² {low} to {high}", f"{len(z)} values, {coverage(z)}", passed)
+    # So far may honest σ be off by chance, one σ: of a binomial share, and of a χ² for each value.
+    chance = [100 * math.sqrt(share / 100 * (1 - share / 100) / max(1, len(z))) for share in NORMAL_SHARES]
+    by_chance = f"by chance ± {', '.join(f'{c:.1f}' for c in chance)} %, χ² ± {math.sqrt(2 / max(1, len(z))):.2f}"
+    verdict(f"{what}: within 1, 2, 3 σ {limits} %, χ² {low} to {high}", f"{len(z)} values, {coverage(z)} ({by_chance})", passed)
 
 
 def score_none(verdict, directory, what):
@@ -491,14 +521,18 @@ def score_scale(verdict, directory):
               f" {built['triangles'].split(',')[0]:>10} {memory:6.1f} {built_s:8.2f} {read_s:7.3f}"
               f" {f'{len(right)} of {len(must)}':>14} {len(wrong):5} {ms:7.1f} {rms(errors):7.2f}"
               f" {rms([error / sigma for error, sigma in zip(errors, sigmas)]):7.2f}")
-        rows.append((memory, built_s, read_s, len(right), len(must), wrong))
-    memory, built_s, read_s, right, must, wrong = zip(*rows)
+        in_sigma = rms([z for zs in in_sigmas(right)[:1] for z in zs])
+        rows.append((memory, built_s, read_s, len(right), len(must), wrong, in_sigma))
+    memory, built_s, read_s, right, must, wrong, in_sigma = zip(*rows)
     verdict("an index at most 300 MB", f"{max(memory):.0f} MB", max(memory) <= 300)
     verdict("catalogue and index ready, built, in 2 s", f"{max(built_s):.2f} s", max(built_s) <= 2)
     verdict("catalogue and index ready, read, in 0.1 s (0.2 s over 120 MB)", f"{max(read_s):.3f} s",
             all(seconds <= (0.1 if megabytes <= 120 else 0.2) for seconds, megabytes in zip(read_s, memory)))
     verdict("98 % of must solved right", f"{sum(right)} of {sum(must)}", sum(right) >= 0.98 * sum(must))
     verdict("no wrong solution", f"{sum(map(len, wrong))} wrong", not any(wrong))
+    low, high = WANTED_SCALE_SIGMAS
+    verdict(f"errors over σ, rms of each field, {low} to {high}", f"{min(in_sigma):.2f} to {max(in_sigma):.2f}",
+            low <= min(in_sigma) and max(in_sigma) <= high)
 
 
 def score_horizontal(verdict, answer, truth):

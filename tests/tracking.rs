@@ -177,7 +177,7 @@ fn three_stars_alone_are_enough_near_where_they_are_expected_and_nowhere_else() 
     for index in 0..200 {
         let turn = f64::from(index);
         let attitude = Attitude::from_angles(turn * 2.4, (turn / 100.0 - 0.995).asin(), turn);
-        let pose = Pose { attitude, platescale: field.geometry.platescale * 1.004, k1: 0.0 };
+        let pose = Pose::undistorted(attitude, field.geometry.platescale * 1.004);
         let mut stars = Vec::new();
         field.stars.near(&attitude.boresight(), 2.0 * DEG, |_, star| {
             let (left, up) = pose.project(&star.direction, HALF_DIAGONAL_PX).unwrap();

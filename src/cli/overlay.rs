@@ -242,6 +242,7 @@ mod tests {
             attitude: Attitude::from_angles(1.0, 0.5, 0.0),
             platescale: 9.5 * ARCSEC,
             k1: 0.0,
+            axis: (0.0, 0.0),
             covariance: Mat3::identity(),
             sigma_platescale: 0.0,
             rms_px: 0.1,

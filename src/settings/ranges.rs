@@ -145,6 +145,7 @@ pub(super) const RULES: &[Rule] = &[
     number("solver.tracking.estimate_drift_deg_s", "deg/s", 0.0, 10.0),
     number("solver.tracking.platescale_sigma", "fraction", 0.00001, 0.1),
     number("solver.fit.distortion_sigma", "fraction at half the diagonal", 0.0, 0.1),
+    number("solver.fit.axis_sigma_px", "px", 0.001, 1000.0),
     number("solver.fit.centroid_floor_px", "px", 0.0, 10.0),
     switch("solver.fit.proper_motion"),
     switch("solver.fit.aberration"),

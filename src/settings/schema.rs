@@ -257,6 +257,8 @@ pub struct TrackingSettings {
 pub struct FitSettings {
     /// What is known of the radial distortion k1 beforehand, one σ at the half diagonal.
     pub distortion_sigma: f64,
+    /// How far from the picture's centre the lens's axis may meet it, one σ per axis, px.
+    pub axis_sigma_px: f64,
     /// Error of a centroid that no photon noise explains, px, one σ per axis.
     pub centroid_floor_px: f64,
     /// Apply proper motion to the epoch of observation.

@@ -33,7 +33,7 @@ const POOR_OF_RMS: f64 = 0.5;
 /// Pieces of a star's light nearer than this are seen together, px.
 pub const SEEN_PX: f64 = 0.75 * REACH_PX;
 /// Times that light and pose are measured in turn, and that stars are left out.
-const ROUNDS: usize = 2;
+const ROUNDS: usize = 3;
 const CLIP_ROUNDS: usize = 3;
 
 /// How the final fit ended.
@@ -88,7 +88,9 @@ pub fn fit_by_light(
         let near = light.middle.0.hypot(light.middle.1) < NEAR_PX + NEAR_SIGMAS * light.sigma;
         let whole = near && light.axes.0 < WHOLE_LIGHT_PX;
         if whole && best.is_none() && context.scale == 0 {
-            return LightFit::AsFound { doubt_px: 0.0 };
+            // By so much more than chance has it are the sources beside their light: what a trail that is not even on both sides does.
+            let beside_sq = 0.5 * (light.middle.0.powi(2) + light.middle.1.powi(2)) - light.sigma * light.sigma;
+            return LightFit::AsFound { doubt_px: beside_sq.max(0.0).sqrt() };
         }
         // The light is elsewhere, and not known well enough: so far may everything be off.
         let elsewhere = LightFit::AsFound { doubt_px: light.middle.0.hypot(light.middle.1).max(KERNEL_DOUBT * kernel_px) };

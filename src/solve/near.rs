@@ -167,7 +167,7 @@ impl<'a> NearSearch<'a> {
                     continue;
                 }
                 if let Some(attitude) = self.attitude_of((first, second), (&a.1, &b.1)) {
-                    let pose = Pose { attitude, platescale: scale, k1: self.geometry.prior.k1 };
+                    let pose = Pose { k1: self.geometry.prior.k1, ..Pose::undistorted(attitude, scale) };
                     poses.push((pose, self.others(centre, turn, (first, second), slack)));
                 }
             }

@@ -169,6 +169,8 @@ pub struct Solution {
     pub platescale: f64,
     /// Fitted radial distortion k1.
     pub k1: f64,
+    /// Where the lens's axis meets the picture, as fitted: offsets from its centre along left and up, px.
+    pub axis: (f64, f64),
     /// Covariance on the sky at the boresight: east, north, roll, rad².
     pub covariance: Mat3,
     /// One σ of the plate scale, rad/px.

@@ -246,7 +246,7 @@ impl<'a> PatternSearch<'a> {
         }
         let attitude = Attitude::from_boresight_up(&boresight, &(at(plane.up).normalize() - boresight))?;
         let platescale = self.field.geometry.platescale * lifted[1].norm();
-        self.verified(&Pose { attitude, platescale, k1: 0.0 }, N + self.need)
+        self.verified(&Pose::undistorted(attitude, platescale), N + self.need)
     }
 
     /// Verifies a pose; ends the search where chance does not explain it.

@@ -9,7 +9,7 @@ use crate::sky::Vec3;
 /// A pair is left out where its residual exceeds this many of its σ (after inflation by the fit's own scatter), but never where it is
 /// below the least tolerance, nor kept above the greatest, px.
 const CLIP_SIGMAS: f64 = 3.5;
-const LEAST_TOLERANCE_PX: f64 = 0.35;
+const LEAST_TOLERANCE_PX: f64 = 0.1;
 const FIRST_TOLERANCE_PX: f64 = 2.5;
 const ROUNDS: usize = 4;
 /// Stars fainter than the faintest source by more than this are not looked at, mag.
@@ -125,6 +125,7 @@ pub fn solution_of(
         attitude: fit.pose.attitude,
         platescale: fit.pose.platescale,
         k1: fit.pose.k1,
+        axis: fit.pose.axis,
         covariance,
         sigma_platescale: fit.pose.platescale * sigma_ln_platescale,
         rms_px: (squares / (2 * matched.len()).max(1) as f64).sqrt(),

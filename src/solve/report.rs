@@ -529,6 +529,7 @@ mod tests {
             attitude: Attitude::from_angles(120.0 * DEG, -43.0 * DEG, 165.0 * DEG),
             platescale: 9.5 * ARCSEC,
             k1: 1e-3,
+            axis: (0.0, 0.0),
             covariance,
             sigma_platescale: 1e-3 * ARCSEC,
             rms_px: 0.3,

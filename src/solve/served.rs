@@ -88,7 +88,7 @@ fn aberrated(context: &Context<'_>, solution: &Solution, settings: &FitSettings)
 }
 
 fn pose_of(solution: &Solution) -> Pose {
-    Pose { attitude: solution.attitude, platescale: solution.platescale, k1: solution.k1 }
+    Pose { attitude: solution.attitude, platescale: solution.platescale, k1: solution.k1, axis: solution.axis }
 }
 
 /// The pose that puts the picture where a pose puts it, when every direction is `moved`.
@@ -107,6 +107,7 @@ fn as_seen(context: &Context<'_>, pose: &Pose, moved: impl Fn(&Vec3) -> Vec3) ->
         })
         .collect();
     // The lens stays as it is.
-    let prior = FitPrior { platescale: s, sigma_ln_platescale: 1.0, k1: pose.k1, sigma_k1: 1e-9 };
+    let prior =
+        FitPrior { platescale: s, sigma_ln_platescale: 1.0, k1: pose.k1, sigma_k1: 1e-9, axis: pose.axis, sigma_axis_px: 1e-6 };
     Some(fit(&pairs?, pose, geometry.half_diagonal, &prior)?.pose)
 }

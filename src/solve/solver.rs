@@ -512,6 +512,8 @@ impl Solver {
         let mut all = all.to_vec();
         let tried = all.len().min(self.settings.solver.sources.max_sources as usize);
         let copy_px = nearest_copy(&all, &matches, SEEN_PX).unwrap_or(0.0);
+        // What is in the fit's own covariance already: the light's middle is of the same photons as the places of its stars.
+        let mut counted = 0.0;
         let common_px = match fit_by_light(self, context, &fit, &matches, &mut all, tried, years) {
             LightFit::AsFound { doubt_px } => doubt_px,
             LightFit::Anew(anew) => {
@@ -522,6 +524,7 @@ impl Solver {
                         report.sigma_px = (0.5 * (star.covariance.0 + star.covariance.1)).sqrt();
                     }
                 }
+                counted = 1.0;
                 anew.sigma_px
             }
         };
@@ -538,7 +541,9 @@ impl Solver {
         let common_px = common_px.max(copy_px);
         // What all sources have in common moves the boresight alone.
         let variance = (common_px * solution.platescale).powi(2);
-        solution.covariance += Mat3::from_diagonal(&Vec3::new(variance, variance, 0.0));
+        let known = solution.covariance.diagonal() * counted;
+        let more = Vec3::new(variance - known.x, variance - known.y, 0.0).map(|v| v.max(0.0));
+        solution.covariance += Mat3::from_diagonal(&more);
         Some(solution)
     }
 

@@ -210,6 +210,7 @@ mod tests {
             attitude,
             platescale: 9.5 * ARCSEC,
             k1: 1e-3,
+            axis: (0.0, 0.0),
             covariance: Mat3::from_diagonal(&Vec3::new(1.0, 2.0, 40.0).map(|s| (s * ARCSEC) * (s * ARCSEC))),
             sigma_platescale: 1e-3 * ARCSEC,
             rms_px: 0.1,

@@ -94,6 +94,8 @@ impl FrameGeometry {
                 sigma_ln_platescale: (high - low) / (high + low),
                 k1: 0.0,
                 sigma_k1: settings.fit.distortion_sigma,
+                axis: (0.0, 0.0),
+                sigma_axis_px: settings.fit.axis_sigma_px,
             },
         }
     }
@@ -111,6 +113,7 @@ impl FrameGeometry {
             sigma_ln_platescale: lens.sigma_ln.min(self.prior.sigma_ln_platescale),
             k1: lens.k1,
             sigma_k1: lens.sigma_k1.min(self.prior.sigma_k1),
+            ..self.prior
         };
         Self { platescale_range, prior, ..self }
     }

@@ -474,6 +474,8 @@ fn set_thresholds(cells: &CellStatistics, plane: &Plane, bin: usize, snr: f32, t
 
 /// A sample this close to the saturation level is saturated: the clipping and averaging of the search take a little off.
 const SATURATED_FROM: f32 = 0.98;
+/// A clipped star's charge runs along its column: its middle is not known better than this, samples, however bright it is.
+const SATURATED_SIGMA: f32 = 2.0;
 
 /// Cuts and measures every peak with a first guess of the shape; keeps those that stand out.
 struct MeasurePeaks<'a, P> {
@@ -628,6 +630,7 @@ fn source_of(candidate: &Candidate, patch: &Patch, optics: &Optics, fit: bool) -
         Some(c) => (c.x, c.y, c.sigma, c.flux),
         None => (0.0, 0.0, 0.5, candidate.standing.flux),
     };
+    let sigma = if candidate.saturated { sigma.max(SATURATED_SIGMA) } else { sigma };
     let bin = bin as f64;
     // The centre of sample i of a halved picture is at bin·(i + ½) − ½ of the picture.
     let place = |i: usize, d: f32| bin * (i as f64 + f64::from(d) + 0.5) - 0.5;

@@ -70,7 +70,7 @@ pub struct Light {
     window: Vec<usize>,
     /// From the given places to the middle of the light, px.
     pub middle: (f64, f64),
-    /// One σ of it per axis, px.
+    /// One σ of it per axis, px. The stars' own places, measured with this light, err by no more on the mean: they make it.
     pub sigma: f64,
     /// Root mean square extent along the long and the short axis, px.
     pub axes: (f64, f64),
@@ -78,6 +78,16 @@ pub struct Light {
     pub doubtful: bool,
     /// It comes near the border of what is looked at, and may go on beyond: the middle may be anywhere within [`REACH_PX`].
     pub cut: bool,
+    /// Most that a star counted for, what all of them did together, and how far the template's bins move with those of one that counts
+    /// for all.
+    most: f32,
+    all: f32,
+    pull: f32,
+}
+
+/// What a star counts for where several are laid on top of each other: the inverse of its variance.
+fn weight_of(star: &KnownStar, noise: f32) -> f32 {
+    (star.flux as f32 / noise).powi(2)
 }
 
 impl Light {
@@ -97,7 +107,6 @@ impl Light {
             return None;
         }
         // No star counts for more than the fourth brightest, so that what one of them has beside it is not taken for light of all.
-        let weight_of = |star: &KnownStar, noise: f32| (star.flux as f32 / noise).powi(2);
         let mut weights: Vec<f32> = seen.iter().map(|(star, noise, _)| weight_of(star, *noise)).collect();
         let mut sorted = weights.clone();
         sorted.sort_by(|a, b| b.total_cmp(a));
@@ -108,6 +117,10 @@ impl Light {
         let share_noise = |star: &KnownStar, noise: f32| noise / (star.flux as f32 / (BIN_PX * BIN_PX) as f32);
         let variance: f32 = seen.iter().zip(&weights).map(|((star, noise, _), w)| (w * share_noise(star, *noise)).powi(2)).sum();
         let sigma = MEDIAN_OVER_MEAN * variance.sqrt() / weights.iter().sum::<f32>();
+        let all: f32 = weights.iter().sum();
+        // Half over the density of the stars' values at the median.
+        let density: f32 = seen.iter().zip(&weights).map(|((star, noise, _), w)| w / share_noise(star, *noise)).sum();
+        let pull = MEDIAN_OVER_MEAN * all / density;
         let mut light: Option<Self> = None;
         let mut rows = vec![[0f32; N]; seen.len()];
         let mut stack = [0f32; N];
@@ -123,13 +136,16 @@ impl Light {
                 row.iter_mut().for_each(|bin| *bin *= share);
             }
             with_vectors(WeightedMedians { rows: &rows, weights: &weights, medians: &mut stack });
-            light = Some(Self::of_stack(&stack, sigma, &seen)?);
+            light = Some(Self { most, all, pull, ..Self::of_stack(&stack, sigma, &seen)? });
         }
         light
     }
 
     /// The light in a stack whose bins have the noise `sigma`.
     fn of_stack(stack: &[f32], sigma: f32, seen: &[Seen]) -> Option<Self> {
+        /// Bins interpolated at any phase have this part of the noise of those of the picture; and that of neighbours, which is alike, is
+        /// so no more where each bin's median is another star's.
+        const INTERPOLATED: f64 = 2.0 / 3.0;
         let pieces = pieces_of(stack, sigma);
         let brightest = pieces.iter().map(|p| p.flux).fold(0.0, f32::max);
         let mut lit = vec![false; N];
@@ -172,10 +188,13 @@ impl Light {
             shares,
             window: (0..N).filter(|&n| window[n] && is_inner(n)).collect(),
             middle: (bin * mx, bin * my),
-            sigma: bin * f64::from(sigma / total) * (0.5 * spread).sqrt(),
+            sigma: bin * INTERPOLATED * f64::from(sigma / total) * (0.5 * spread).sqrt(),
             axes: (bin * (mean + half).max(0.0).sqrt(), bin * (mean - half).max(0.0).sqrt()),
             doubtful,
             cut: (0..N).any(|n| lit[n] && !is_clear_of_rim(n)),
+            most: 0.0,
+            all: f32::INFINITY,
+            pull: 0.0,
         })
     }
 
@@ -203,6 +222,20 @@ impl Light {
         }
     }
 
+    /// The template as it would be without a star, in whose own noise it would find itself again where it was thought to be.
+    ///
+    /// To first order in what the star counts for: the influence of one value on a median is the same however far off it is.
+    fn without(&self, plane: &Plane, star: &KnownStar, noise: f32) -> Option<Vec<f32>> {
+        let own = weight_of(star, noise).min(self.most) / self.all;
+        let bins = bins_around(plane, star.x, star.y)?;
+        let flux = star.flux as f32 / (BIN_PX * BIN_PX) as f32;
+        let without = |(&share, bin): (&f32, f32)| {
+            let is_lit = share != 0.0;
+            if is_lit { share - own * self.pull * (bin / flux - share).signum() } else { 0.0 }
+        };
+        Some(self.shares.iter().zip(bins).map(without).collect())
+    }
+
     /// Measures a star near its place: flux, sky and middle by weighted least squares with this light as the template.
     ///
     /// `None` where it is too faint, too far from its place, or too near the border.
@@ -212,9 +245,10 @@ impl Light {
         const SETTLED: f64 = 0.01;
         let noise = f64::from(cells.local_noise(star.x.max(0.0) as usize, star.y.max(0.0) as usize)) / BIN_PX as f64;
         let (gx, gy) = sky_slope(plane, star)?;
+        let template = self.without(plane, star, noise as f32)?;
         // The template stands still and the picture is taken where the star is thought to be: one matrix does for all steps.
         let slopes = |n: usize| {
-            let at = |m: usize| f64::from(self.shares[m]);
+            let at = |m: usize| f64::from(template[m]);
             Vector4::new(at(n), 1.0, 0.5 * (at(n - 1) - at(n + 1)), 0.5 * (at(n - SIDE) - at(n + SIDE)))
         };
         let mut normal = Matrix4::<f64>::zeros();
@@ -226,10 +260,12 @@ impl Light {
         let (mut dx, mut dy) = (0.0, 0.0);
         for step in 0..STEPS {
             let corner = corner_of(plane, star.x + BIN_PX as f64 * dx, star.y + BIN_PX as f64 * dy)?;
-            let mut right = Vector4::<f64>::zeros();
+            let (mut right, mut squares) = (Vector4::<f64>::zeros(), 0.0);
             for &n in &self.window {
                 let (x, y) = place(n);
-                right += slopes(n) * (f64::from(corner.bin(plane, n)) - gx * x - gy * y);
+                let light = f64::from(corner.bin(plane, n)) - gx * x - gy * y;
+                right += slopes(n) * light;
+                squares += light * light;
             }
             let found = inverse * right;
             let amplitude = found[0];
@@ -243,7 +279,9 @@ impl Light {
                 return None;
             }
             if (step_x.abs() < SETTLED && step_y.abs() < SETTLED) || step + 1 == STEPS {
-                let scale = (BIN_PX as f64 * noise / amplitude).powi(2);
+                // What fits worse than noise explains is as much less well known.
+                let misfit = (squares - right.dot(&found)) / (noise * noise * (self.window.len() as f64 - 4.0).max(1.0));
+                let scale = (BIN_PX as f64 * noise / amplitude).powi(2) * misfit.max(1.0);
                 return Some(PlacedStar {
                     x: star.x + self.middle.0 + BIN_PX as f64 * dx,
                     y: star.y + self.middle.1 + BIN_PX as f64 * dy,
@@ -468,8 +506,12 @@ mod tests {
     /// Stars, each of pieces at the given offsets with the given weights, on a noisy sky: the picture halved once, its statistics, and
     /// the stars at their places.
     fn picture(pieces: &[(f64, f64, f64)], flux: f64) -> (Plane, CellStatistics, Vec<KnownStar>) {
+        picture_of(5, pieces, flux)
+    }
+
+    fn picture_of(seed: u64, pieces: &[(f64, f64, f64)], flux: f64) -> (Plane, CellStatistics, Vec<KnownStar>) {
         let (w, h) = (800, 600);
-        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         let mut light = vec![0f64; w * h];
         let stars: Vec<KnownStar> = (0..12)
             .map(|_| KnownStar {
@@ -511,6 +553,20 @@ mod tests {
             light.sigma
         );
         assert!(light.axes.0 < 2.0);
+    }
+
+    #[test]
+    fn the_middle_errs_by_its_sigma() {
+        let trail: Vec<(f64, f64, f64)> = (0..11).map(|i| (f64::from(i) - 5.0, 0.0, 1.0 / 11.0)).collect();
+        let (mut squares, mut count) = (0.0, 0.0);
+        for seed in 0..24 {
+            let (plane, cells, stars) = picture_of(seed, &trail, 700.0);
+            let Some(light) = Light::of(&plane, &cells, &stars) else { continue };
+            squares += (light.middle.0.powi(2) + light.middle.1.powi(2)) / (light.sigma * light.sigma);
+            count += 2.0;
+        }
+        // Of 48 squares of normal numbers the mean is 1 ± 0.2.
+        assert!(count > 40.0 && (0.55..1.6).contains(&(squares / count)), "{} of {count}", squares / count);
     }
 
     #[test]

@@ -154,6 +154,7 @@ mod tests {
             attitude: Attitude::from_angles(136.5 * DEG, -44.0 * DEG, 165.0 * DEG),
             platescale: 9.44 * ARCSEC,
             k1: 0.0,
+            axis: (0.0, 0.0),
             covariance: Mat3::from_diagonal(&nalgebra::Vector3::new(1.0, 4.0, 900.0)) * ARCSEC * ARCSEC,
             sigma_platescale: 1e-3 * ARCSEC,
             rms_px: 0.2,

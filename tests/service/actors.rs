@@ -282,6 +282,7 @@ fn solved(frame: &stars::image::Frame) -> Outcome {
         attitude: Attitude::from_angles(1.0, -0.5, 0.2),
         platescale: 9.5 * ARCSEC,
         k1: 0.0,
+        axis: (0.0, 0.0),
         covariance: Mat3::identity() * ARCSEC * ARCSEC,
         sigma_platescale: 1e-3 * ARCSEC,
         rms_px: 0.1,

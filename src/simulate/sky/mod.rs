@@ -9,6 +9,7 @@
 //! theirs moves a star by 10⁻¹² px).
 
 mod backdrop;
+mod bound;
 mod kind;
 mod optics;
 mod psf;
@@ -19,6 +20,7 @@ mod spoil;
 mod stars;
 mod truth;
 
+pub use bound::PhotonBound;
 pub use kind::{Kind, UnknownKind};
 pub use truth::{TrueStar, Truth};
 

@@ -57,20 +57,27 @@ impl Psf {
         let reach = REACH_SIGMA * self.sigma + self.strips.iter().map(|strip| strip.1.max(strip.0.abs())).fold(0.0, f64::max);
         let (columns, x0) = span(path.iter().map(|step| step.0), reach, width)?;
         let (rows, y0) = span(path.iter().map(|step| step.1), reach, height)?;
-        let mut weights = vec![0.0f32; columns * rows];
-        let (mut along_x, mut along_y) = (vec![0.0; columns], vec![0.0; rows]);
+        let mut stamp = Stamp { x0, y0, width: columns, weights: vec![0.0f32; columns * rows] };
+        self.fill(path, &mut stamp);
+        Some(stamp)
+    }
+
+    /// The light of a star that goes through `path`, on the pixels of a stamp.
+    pub fn fill(&self, path: &[(f64, f64, f64)], stamp: &mut Stamp) {
+        let (x0, y0, columns) = (stamp.x0, stamp.y0, stamp.width.max(1));
+        let (mut along_x, mut along_y) = (vec![0.0; columns], vec![0.0; stamp.weights.len() / columns]);
+        stamp.weights.fill(0.0);
         for &(x, y, step_weight) in path {
             for &(offset, half, strip_weight) in &self.strips {
                 self.integrate(x - x0 as f64, half, step_weight * strip_weight, &mut along_x);
                 self.integrate(y + offset - y0 as f64, 0.0, 1.0, &mut along_y);
-                for (row, &in_y) in weights.chunks_exact_mut(columns).zip(&along_y) {
+                for (row, &in_y) in stamp.weights.chunks_exact_mut(columns).zip(&along_y) {
                     if in_y > 0.0 {
                         row.iter_mut().zip(&along_x).for_each(|(pixel, &in_x)| *pixel += (in_x * in_y) as f32);
                     }
                 }
             }
         }
-        Some(Stamp { x0, y0, width: columns, weights })
     }
 
     /// Light in each pixel of a line: a box of half length `half` (or a point) at `centre`, blurred, times `scale`.

@@ -1,5 +1,6 @@
 //! The stars of a frame: where they fall, how bright they are, and which of them could be seen.
 
+use super::bound::{Light, photon_bound};
 use super::psf::Stamp;
 use super::random::{Dice, Purpose};
 use super::scene::Scene;
@@ -23,6 +24,8 @@ pub(super) struct StarImage {
     flux_adu: f64,
     x: f64,
     y: f64,
+    /// Its way over the sensor: x, y, weight.
+    path: Vec<(f64, f64, f64)>,
     stamp: Stamp,
     /// Light of the sky under it, ADU over bias, and the fraction of all light that passes there.
     sky_adu: f64,
@@ -98,7 +101,7 @@ pub(super) fn expose(spec: &RenderSpec, scene: &mut Scene, catalogue: &Catalogue
         if overflow > 1.0 {
             scene.backdrop.glows.push(halo(x, y, flux_adu));
         }
-        images.push(StarImage { star: index, flux_adu, x, y, stamp, sky_adu: 0.0, passed: 0.0 });
+        images.push(StarImage { star: index, flux_adu, x, y, path, stamp, sky_adu: 0.0, passed: 0.0 });
     }
     images
 }
@@ -143,6 +146,13 @@ pub(super) fn judge(spec: &RenderSpec, scene: &Scene, catalogue: &Catalogue, ima
         .filter(|star| star.snr >= TOLD_SNR)
         .collect();
     stars.sort_by(|a, b| b.flux_adu.total_cmp(&a.flux_adu));
+    let years = spec.epoch_yr - catalogue.header.epoch_yr;
+    let informed = images.iter().filter_map(|image| {
+        let (flux_adu, sky_adu) = (image.flux_adu * image.passed, image.sky_adu * image.passed);
+        let light = Light { psf: &scene.psf, stamp: &image.stamp, path: &image.path, flux_adu, sky_adu };
+        Some((catalogue.stars.get(image.star)?.direction_after(years), light.information(sensor)))
+    });
+    let photon_bound = if scene.stars { photon_bound(scene, informed) } else { None };
     let stars_over_snr5 = stars.iter().filter(|star| star.snr > MUST_SNR && !star.clipped).count();
     Truth {
         kind: spec.kind,
@@ -155,6 +165,7 @@ pub(super) fn judge(spec: &RenderSpec, scene: &Scene, catalogue: &Catalogue, ima
         k1: scene.optics.lens().k1,
         must: scene.stars && stars_over_snr5 >= MUST_STARS && clipped_fraction < MUST_CLIPPED_BELOW,
         stars_over_snr5,
+        photon_bound,
         clipped_fraction,
         cause: spec.kind.cause(),
         blur_px: scene.blur_px,

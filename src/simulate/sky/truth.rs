@@ -4,7 +4,7 @@ use crate::sky::{ARCSEC, Attitude, DEG};
 use crate::solve::Cause;
 use serde::Serialize;
 
-use super::Kind;
+use super::{Kind, PhotonBound};
 
 /// The truth of one rendered frame. Serialised with angles in degrees and arcseconds.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,6 +29,8 @@ pub struct Truth {
     pub must: bool,
     /// Stars of matched-filter SNR over 5 that touch no clipped pixel.
     pub stars_over_snr5: usize,
+    /// What the light of its stars lets be known of the attitude at best; `None` where they are too few.
+    pub photon_bound: Option<PhotonBound>,
     /// Clipped pixels, fraction of the frame.
     pub clipped_fraction: f64,
     /// What spoils the frame, where one thing does.
@@ -87,6 +89,8 @@ impl Serialize for Truth {
             width: usize,
             height: usize,
             stars_over_snr5: usize,
+            bound_axis_arcsec: Option<f64>,
+            bound_roll_arcsec: Option<f64>,
             clipped_fraction: f64,
             cause: Option<Cause>,
             blur_px: f64,
@@ -110,6 +114,8 @@ impl Serialize for Truth {
             width: self.size.0,
             height: self.size.1,
             stars_over_snr5: self.stars_over_snr5,
+            bound_axis_arcsec: self.photon_bound.map(|bound| bound.axis / ARCSEC),
+            bound_roll_arcsec: self.photon_bound.map(|bound| bound.roll / ARCSEC),
             clipped_fraction: self.clipped_fraction,
             cause: self.cause,
             blur_px: self.blur_px,
