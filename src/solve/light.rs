@@ -30,6 +30,9 @@ const WORST_RMS_PX: f64 = 2.0;
 /// the rms (from rendered trails in pieces).
 const POOR_CHI2: f64 = 4.0;
 const POOR_OF_RMS: f64 = 0.5;
+/// By this much more doubtful is the middle where a piece may not be seen, one σ per axis, px: of 140 rendered trails two miss a piece, and
+/// are 1.3 and 1.6 px off per axis.
+const HIDDEN_PX: f64 = 0.45;
 /// Pieces of a star's light nearer than this are seen together, px.
 pub const SEEN_PX: f64 = 0.75 * REACH_PX;
 /// Times that light and pose are measured in turn, and that stars are left out.
@@ -90,7 +93,7 @@ pub fn fit_by_light(
         if whole && best.is_none() && context.scale == 0 {
             // By so much more than chance has it are the sources beside their light: what a trail that is not even on both sides does.
             let beside_sq = 0.5 * (light.middle.0.powi(2) + light.middle.1.powi(2)) - light.sigma * light.sigma;
-            return LightFit::AsFound { doubt_px: beside_sq.max(0.0).sqrt() };
+            return LightFit::AsFound { doubt_px: beside_sq.max(0.0).sqrt().max(if trailed { hidden_px(&light) } else { 0.0 }) };
         }
         // The light is elsewhere, and not known well enough: so far may everything be off.
         let elsewhere = LightFit::AsFound { doubt_px: light.middle.0.hypot(light.middle.1).max(KERNEL_DOUBT * kernel_px) };
@@ -111,6 +114,11 @@ pub fn fit_by_light(
         }
     }
     LightFit::Anew(best)
+}
+
+/// How far the middle may be off because a piece of the light is not seen, one σ, px.
+fn hidden_px(light: &Light) -> f64 {
+    if light.faint { HIDDEN_PX } else { 0.0 }
 }
 
 /// Stars of the field that a pose puts on the picture, brightest first, with the fluxes that the matched ones let expect.
@@ -198,6 +206,6 @@ fn fit_placed(
     let scatter_sq = fit.chi2_per_dof();
     let misfit_px = if scatter_sq > POOR_CHI2 { POOR_OF_RMS * rms_px } else { 0.0 };
     let cut_px = if light.cut { REACH_PX } else { 0.0 };
-    let sigma_px = (light.sigma * scatter_sq.sqrt().max(1.0)).max(misfit_px).max(cut_px);
+    let sigma_px = (light.sigma * scatter_sq.sqrt().max(1.0)).max(misfit_px).max(cut_px).max(hidden_px(light));
     Some(Anew { fit, matches, placed, sigma_px })
 }

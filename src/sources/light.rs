@@ -78,6 +78,8 @@ pub struct Light {
     pub doubtful: bool,
     /// It comes near the border of what is looked at, and may go on beyond: the middle may be anywhere within [`REACH_PX`].
     pub cut: bool,
+    /// It is so faint that another piece as bright as one of them may be hidden in the noise.
+    pub faint: bool,
     /// Most that a star counted for, what all of them did together, and how far the template's bins move with those of one that counts
     /// for all.
     most: f32,
@@ -148,6 +150,10 @@ impl Light {
         const INTERPOLATED: f64 = 2.0 / 3.0;
         let pieces = pieces_of(stack, sigma);
         let brightest = pieces.iter().map(|p| p.flux).fold(0.0, f32::max);
+        // The faintest piece that counts is seen where, two σ below its signal, it is still no chance.
+        const CHANCE: f32 = 2.0;
+        let surest = pieces.iter().map(|p| p.snr).fold(0.0, f32::max);
+        let faint = PIECE_SHARE * surest < PIECE_SNR + CHANCE;
         let mut lit = vec![false; N];
         let mut doubtful = false;
         for piece in pieces.iter().filter(|p| p.snr >= PIECE_SNR && p.flux >= PIECE_SHARE * brightest) {
@@ -192,6 +198,7 @@ impl Light {
             axes: (bin * (mean + half).max(0.0).sqrt(), bin * (mean - half).max(0.0).sqrt()),
             doubtful,
             cut: (0..N).any(|n| lit[n] && !is_clear_of_rim(n)),
+            faint,
             most: 0.0,
             all: f32::INFINITY,
             pull: 0.0,
