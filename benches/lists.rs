@@ -212,6 +212,12 @@ impl Matcher<'_> {
         timed(|| PatternSearch::new(self.field, sources, &self.geometry, &self.rules).run())
     }
 
+    /// Whether one who knows the truth could show that it is not chance: what no search can do better than.
+    fn would_serve(&self, sources: &[PatternSource], truth: &Pose) -> bool {
+        let search = PatternSearch::new(self.field, sources, &self.geometry, &self.rules);
+        search.judge(truth, self.rules.min_matched).is_some_and(|hypothesis| search.is_beyond_doubt(&hypothesis))
+    }
+
     /// Whether a pose puts the picture's centre and corners where the truth does.
     fn is_right(&self, pose: &Pose, truth: &Pose) -> bool {
         let (w, h) = (self.geometry.size.0 / 2.0, self.geometry.size.1 / 2.0);
@@ -241,7 +247,7 @@ fn main() {
     let matcher = Matcher { field: &field, geometry: FrameGeometry::new(&settings.solver, &field, WIDTH, HEIGHT), rules };
     println!("lists of sources, seed {}, plate scale known to ±{} %, thread CPU time", args.seed, 100.0 * PLATESCALE_KNOWN_TO);
     println!(
-        "\n{:<34} {:>7} {:>9} {:>6} {:>10} {:>10} {:>10} {:>10} {:>9}",
+        "\n{:<34} {:>7} {:>9} {:>6} {:>10} {:>10} {:>10} {:>10} {:>9} {:>11}",
         "true + false + brighter than all",
         "lists",
         "right %",
@@ -250,7 +256,8 @@ fn main() {
         "p99 ms",
         "p99.9 ms",
         "candidates",
-        "ns each"
+        "ns each",
+        "possible %"
     );
     for case in CASES {
         with_stars(&matcher, &args, case);
@@ -261,14 +268,16 @@ fn main() {
 /// Lists of stars and false sources.
 fn with_stars(matcher: &Matcher<'_>, args: &Args, (stars, among, on_top): (usize, usize, usize)) {
     let case = ((stars * 100 + among) * 100 + on_top) as u64;
-    let (mut right, mut wrong, mut times, mut candidates) = (0u64, 0u64, Vec::new(), 0u64);
+    let (mut right, mut wrong, mut times, mut candidates, mut possible) = (0u64, 0u64, Vec::new(), 0u64, 0u64);
     for index in 0..args.count {
         let mut draw = Draw { field: matcher.field, random: ChaCha8Rng::seed_from_u64(args.seed) };
         draw.random.set_stream(case << 32 | index);
         let (truth, sigma) = (draw.pose(), draw.uniform(SIGMA_PX.0, SIGMA_PX.1));
         let mut spots = draw.stars(&truth, stars, sigma, matcher.geometry.half_diagonal);
         draw.spoil(&mut spots, among, on_top);
-        let ((end, tally), time) = matcher.search(&matcher.sources(spots, sigma));
+        let sources = matcher.sources(spots, sigma);
+        possible += u64::from(matcher.would_serve(&sources, &truth));
+        let ((end, tally), time) = matcher.search(&sources);
         if let SearchEnd::Found(found) = end {
             let is_right = matcher.is_right(&found.pose, &truth);
             (right, wrong) = (right + u64::from(is_right), wrong + u64::from(!is_right));
@@ -279,12 +288,13 @@ fn with_stars(matcher: &Matcher<'_>, args: &Args, (stars, among, on_top): (usize
     let spent: f64 = times.iter().sum();
     let [median, p99, p999] = [0.5, 0.99, 0.999].map(|part| quantile(&mut times, part));
     println!(
-        "{:<34} {:>7} {:>9.3} {wrong:>6} {median:>10.3} {p99:>10.3} {p999:>10.3} {:>10.0} {:>9.0}",
+        "{:<34} {:>7} {:>9.3} {wrong:>6} {median:>10.3} {p99:>10.3} {p999:>10.3} {:>10.0} {:>9.0} {:>11.3}",
         format!("{stars}+{among}+{on_top}"),
         args.count,
         100.0 * right as f64 / args.count.max(1) as f64,
         candidates as f64 / args.count.max(1) as f64,
         1e6 * spent / candidates.max(1) as f64,
+        100.0 * possible as f64 / args.count.max(1) as f64,
     );
 }
 

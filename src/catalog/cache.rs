@@ -8,7 +8,7 @@
 //! | u32 | version of the layout, and of how a field is derived from its key |
 //! | 13 × u64 | [`FieldKey`]: everything that the field was derived from |
 //! | u32 | CRC-32 (IEEE) of the bytes before |
-//! | lists, each a u64 with the number of its items, then the items | stars, their grid, index stars, their neighbours, triangles, pairs, bitmap |
+//! | lists, each a u64 with the number of its items, then the items | stars, their grid, index stars, their neighbours, triangles, bitmap |
 //! | u32 | CRC-32 (IEEE) of all bytes before |
 //!
 //! What follows from the key is not in the file. No list is given memory before the file is known to be long enough for it, and none
@@ -21,7 +21,7 @@ use std::io::{self, Read, Write};
 
 const MAGIC: [u8; 8] = *b"STARSIDX";
 /// Counted up with every change of the layout, or of how a field is derived from its key.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 /// The longest file that can be an index, bytes: twice what the derivation allows an index to take.
 pub const MAX_FIELD_BYTES: u64 = 512 << 20;
 /// What the name of every such file begins with.

@@ -72,11 +72,6 @@ pub fn rank_limit(wanted: f64) -> u8 {
     (RANK_PER_WANTED * wanted).round().clamp(1.0, f64::from(u8::MAX)) as u8
 }
 
-/// How many stars of a field are brighter than one with `rank` brighter ones near it, roughly.
-pub fn field_rank(rank: u8) -> f64 {
-    (f64::from(rank) + 1.0) / RANK_PER_WANTED
-}
-
 impl FieldStars {
     /// Derives the stars of a field from the catalogue; `None` where the pace ends it.
     pub fn build(catalogue: &Catalogue, key: &FieldKey, geometry: &FieldGeometry, pace: &mut Pace<'_>) -> Option<Self> {

@@ -34,9 +34,9 @@ pub struct Density {
     pub longest_side: f64,
 }
 
-/// Pairs of neighbours of index stars that an index is made of, at most: half as many again as for the flight camera. A sixth of them
-/// are the sides of a triangle of 8 bytes, so that an index has 100 MB of them at most and all is built in two seconds.
-const MOST_PAIRS: f64 = 6e7;
+/// Pairs of neighbours of index stars that an index is made of, at most: nearly twice as many as for the flight camera. About a third
+/// of them are the sides of a triangle of 8 bytes, so that an index has 100 MB of them at most and all is built in two seconds.
+const MOST_PAIRS: f64 = 4e7;
 /// Where there would be more, the longest side is shortened down to this fraction of the diagonal, and then stars are left out: the
 /// pairs go down with the fourth power of the one and the third of the other, and short triangles are nearly as good as long ones.
 const SHORTENED_TO: f64 = 0.45;
@@ -124,11 +124,11 @@ mod tests {
     #[test]
     fn the_flights_field_and_wider_ones_have_what_is_wanted_and_no_field_has_too_much() {
         for platescale in [9.45, 40.0, 60.0] {
-            assert_eq!(density(0.6, platescale), Density { stars_per_field: 15.0, longest_side: 0.6 });
+            assert_eq!(density(0.52, platescale), Density { stars_per_field: 15.0, longest_side: 0.52 });
         }
-        let narrow = density(0.6, 4.7);
+        let narrow = density(0.52, 6.6);
         assert_eq!(narrow.stars_per_field, 15.0);
-        assert!((0.45..0.55).contains(&narrow.longest_side), "{narrow:?}");
+        assert!((0.45..0.52).contains(&narrow.longest_side), "{narrow:?}");
         let tiny = density(0.6, 1.0);
         assert_eq!(tiny.longest_side, SHORTENED_TO);
         assert!((3.0..15.0).contains(&tiny.stars_per_field), "{tiny:?}");

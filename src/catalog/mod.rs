@@ -17,7 +17,7 @@ mod triangles;
 
 pub use bitmap::{POINTS, SkyBitmap};
 pub use cache::{FILE_PREFIX, FieldFileError, MAX_FIELD_BYTES};
-pub use field::{FieldGeometry, FieldStar, FieldStars, field_rank, rank_limit};
+pub use field::{FieldGeometry, FieldStar, FieldStars, rank_limit};
 pub use file::{Catalogue, CatalogueError, CatalogueHeader, MAX_FILE_BYTES, Star};
 pub use grid::SkyGrid;
 pub use key::{Density, FieldKey};

@@ -1,4 +1,4 @@
-//! The triangle index: every triangle of index stars that fits a field, found by its shape, and every short pair by its length.
+//! The triangle index: the triangles of index stars that a field may show, found by their shape.
 //!
 //! A triangle has its longest side A–B and a third corner C nearer to A. Its shape is x = AC·AB/|AB|² in [0, ½] and
 //! y = ±|AB×AC|/|AB|², the sign being that of A·(B×C), so that a mirrored triangle is another one. From chords, so that the shape is
@@ -19,10 +19,14 @@ const LOG_BINS: f64 = 1.0 / 0.015;
 /// Bins along x (0 to ½) and along y (±√¾ and a little).
 const X_BINS: usize = 49;
 const Y_BINS: usize = 168;
-/// Shortest longest side and longest indexed pair, fractions of the diagonal: below, a centroid's error turns the attitude too far;
-/// above, there are too many pairs for a last resort.
+/// Shortest longest side, fraction of the diagonal: below, a centroid's error turns the attitude too far.
 const SHORTEST_SIDE: f64 = 0.08;
-const LONGEST_PAIR: f64 = 0.35;
+/// Greatest rank of a corner and greatest sum of a triangle's three ranks, of the rank below which there are as many stars as are wanted.
+/// One or two corners may be faint where the others are bright: of the brightest stars of a field some are not seen, and of all the
+/// triangles that fill the same memory these leave the fewest fields without one (trials: half as many as with all corners below the
+/// same rank).
+const FAINTEST_CORNER: f64 = 1.63;
+const CORNERS_TOGETHER: f64 = 2.0;
 /// Neighbours of a star that can be told apart by one byte.
 const MAX_NEIGHBOURS: usize = 256;
 
@@ -55,14 +59,6 @@ struct Unsorted {
     bin: u32,
     a: u32,
     rest: [u8; 4],
-}
-
-/// A pair of index stars.
-#[derive(Debug, Clone, Copy, Default)]
-struct Pair {
-    chord: f32,
-    a: u32,
-    b: u32,
 }
 
 /// Which triangles a query wants.
@@ -103,7 +99,7 @@ pub struct Runs(Vec<Run>);
 /// Entries in a line of a processor's cache.
 const ENTRIES_PER_LINE: usize = 64 / size_of::<Entry>();
 
-/// All triangles and short pairs of index stars of one field.
+/// All triangles of index stars of one field.
 #[derive(Debug, Clone)]
 pub struct TriangleIndex {
     /// Directions of the index stars.
@@ -116,20 +112,21 @@ pub struct TriangleIndex {
     offsets: Vec<u32>,
     /// [`Entry`]s.
     entries: Vec<u64>,
-    pairs: Vec<Pair>,
 }
 
 impl TriangleIndex {
     /// Builds the index of a field: half a second for fifteen stars a field of 4° × 3°. `None` where the pace ends it.
     pub fn build(field: &FieldStars, density: &Density, geometry: &FieldGeometry, pace: &mut Pace<'_>) -> Option<Self> {
-        let limit = rank_limit(density.stars_per_field);
-        let directions: Vec<Vec3> = field.stars.iter().filter(|s| s.rank < limit).map(|s| s.direction).collect();
-        let (neighbours, first_neighbour) = find_neighbours(&directions, sides(density, geometry).1, pace)?;
+        let limit = f64::from(rank_limit(density.stars_per_field));
+        let (faintest, together) = ((FAINTEST_CORNER * limit) as u8, (CORNERS_TOGETHER * limit) as u8);
+        let stars = || field.stars.iter().filter(|s| s.rank <= faintest);
+        let directions: Vec<Vec3> = stars().map(|s| s.direction).collect();
+        let ranks: Vec<u8> = stars().map(|s| s.rank).collect();
+        let (neighbours, first_neighbour) = find_neighbours(&directions, &ranks, together, sides(density, geometry).1, pace)?;
         let mut index = Self { directions, neighbours, first_neighbour, ..Self::empty(density, geometry) };
         let mut columns = vec![Vec::new(); X_BINS];
-        with_vectors(Enumerate { index: &index, pace, columns: &mut columns })?;
+        with_vectors(Enumerate { index: &index, ranks: &ranks, together, pace, columns: &mut columns })?;
         index.sort(columns, pace)?;
-        index.pairs = index.short_pairs(chord(LONGEST_PAIR * geometry.diagonal), pace)?;
         Some(index)
     }
 
@@ -145,7 +142,6 @@ impl TriangleIndex {
             log_bins,
             offsets: vec![0; X_BINS * Y_BINS * log_bins + 1],
             entries: Vec::new(),
-            pairs: Vec::new(),
         }
     }
 
@@ -155,12 +151,7 @@ impl TriangleIndex {
         saver.list(&self.neighbours, |star| star.to_le_bytes())?;
         saver.list(&self.first_neighbour, |first| first.to_le_bytes())?;
         saver.list(&self.offsets, |offset| offset.to_le_bytes())?;
-        saver.list(&self.entries, |entry| entry.to_le_bytes())?;
-        saver.list(&self.pairs, |pair| {
-            let ([c0, c1, c2, c3], [a0, a1, a2, a3]) = (pair.chord.to_le_bytes(), pair.a.to_le_bytes());
-            let [b0, b1, b2, b3] = pair.b.to_le_bytes();
-            [c0, c1, c2, c3, a0, a1, a2, a3, b0, b1, b2, b3]
-        })
+        saver.list(&self.entries, |entry| entry.to_le_bytes())
     }
 
     /// Reads the index of a field: no list of it points out of another.
@@ -187,13 +178,6 @@ impl TriangleIndex {
         })?;
         sane("triangles", known)?;
         sane("bins", index.offsets.len() == bins && are_offsets(&index.offsets, index.entries.len()))?;
-        index.pairs = loader.list(|[c0, c1, c2, c3, a0, a1, a2, a3, b0, b1, b2, b3]: &[u8; 12]| Pair {
-            chord: f32::from_le_bytes([*c0, *c1, *c2, *c3]),
-            a: word(&[*a0, *a1, *a2, *a3]),
-            b: word(&[*b0, *b1, *b2, *b3]),
-        })?;
-        let whole = |pair: &Pair| pair.chord.is_finite() && (pair.a.max(pair.b) as usize) < stars;
-        sane("pairs", index.pairs.iter().all(whole) && index.pairs.is_sorted_by(|p, q| p.chord <= q.chord))?;
         Ok(index)
     }
 
@@ -202,9 +186,9 @@ impl TriangleIndex {
         &self.directions[star as usize]
     }
 
-    /// Number of index stars, triangles and pairs.
-    pub fn counts(&self) -> (usize, usize, usize) {
-        (self.directions.len(), self.entries.len(), self.pairs.len())
+    /// Number of index stars and of triangles.
+    pub fn counts(&self) -> (usize, usize) {
+        (self.directions.len(), self.entries.len())
     }
 
     /// Memory held, bytes.
@@ -214,17 +198,11 @@ impl TriangleIndex {
             + size_of_val(&self.first_neighbour[..])
             + size_of_val(&self.offsets[..])
             + size_of_val(&self.entries[..])
-            + size_of_val(&self.pairs[..])
     }
 
     /// Chords of the shortest and longest side A–B that the index holds.
     pub fn sides(&self) -> (f64, f64) {
         self.sides
-    }
-
-    /// Longest pair that the index holds, chord.
-    pub fn longest_pair(&self) -> f64 {
-        self.pairs.last().map_or(0.0, |p| f64::from(p.chord))
     }
 
     /// Finds the triangles of every query, in the queries' order.
@@ -290,14 +268,6 @@ impl TriangleIndex {
         }
     }
 
-    /// Calls `visit` with every pair of a length, chord, once; which star is which is left to the caller.
-    pub fn pairs(&self, length: (f64, f64), mut visit: impl FnMut([u32; 2])) {
-        let first = self.pairs.partition_point(|p| f64::from(p.chord) < length.0);
-        for pair in self.pairs[first..].iter().take_while(|p| f64::from(p.chord) <= length.1) {
-            visit([pair.a, pair.b]);
-        }
-    }
-
     /// Bins of ln L that a range of lengths touches; `None` where it lies outside the index.
     fn log_range(&self, length: (f64, f64)) -> Option<Range<usize>> {
         if !(length.1 >= self.sides.0 && length.0 <= self.sides.1) {
@@ -337,7 +307,7 @@ impl TriangleIndex {
 
     /// Puts every triangle into the list of its bin of x, in the order of star A; `None` where the pace ends it.
     #[inline(always)]
-    fn enumerate(&self, pace: &mut Pace<'_>, columns: &mut [Vec<Unsorted>]) -> Option<()> {
+    fn enumerate(&self, ranks: &[u8], together: u8, pace: &mut Pace<'_>, columns: &mut [Vec<Unsorted>]) -> Option<()> {
         let mut near = Neighbourhood::default();
         // Neighbours C of the triangles with one side A–B.
         let mut corners = [0u8; MAX_NEIGHBOURS];
@@ -345,6 +315,7 @@ impl TriangleIndex {
             near.gather(
                 at,
                 &self.directions,
+                ranks,
                 &self.neighbours[self.first_neighbour[a] as usize..self.first_neighbour[a + 1] as usize],
             );
             for b in 0..near.len() {
@@ -359,10 +330,11 @@ impl TriangleIndex {
                 // C is nearer to A, and A–B is the longest side; ties go both ways, so no triangle is lost. Sorted out without a
                 // branch, which would be guessed wrong for each third neighbour.
                 let mut count = 0;
+                let most = together - ranks[a] - near.rank[b];
                 for c in 0..b {
                     let (ac_sq, bc_sq) = (near.distance_sq[c], near.from_b_sq[c]);
                     corners[count] = c as u8;
-                    count += usize::from((bc_sq <= length_sq) & (ac_sq <= bc_sq));
+                    count += usize::from((bc_sq <= length_sq) & (ac_sq <= bc_sq) & (near.rank[c] <= most));
                 }
                 let normal = near.normal(b);
                 for &corner in &corners[..count] {
@@ -385,52 +357,8 @@ impl TriangleIndex {
         }
         Some(())
     }
-
-    /// Every pair up to a chord, by length; `None` where the pace ends it.
-    fn short_pairs(&self, longest: f64, pace: &mut Pace<'_>) -> Option<Vec<Pair>> {
-        let mut unsorted = Vec::new();
-        for (a, at) in self.directions.iter().enumerate() {
-            pace.step(PAIR_STEPS)?;
-            for &b in &self.neighbours[self.first_neighbour[a] as usize..self.first_neighbour[a + 1] as usize] {
-                let chord = (self.directions[b as usize] - at).norm();
-                if (b as usize) > a && chord >= self.sides.0 && chord <= longest {
-                    unsorted.push(Pair { chord: chord as f32, a: a as u32, b });
-                }
-            }
-        }
-        // First into bins of about equal length, which are short enough to be sorted between two questions of the pace.
-        let width = (longest - self.sides.0) / PAIR_BINS as f64;
-        let bin = |pair: &Pair| (((f64::from(pair.chord) - self.sides.0) / width).max(0.0) as usize).min(PAIR_BINS - 1);
-        let mut ends = [0usize; PAIR_BINS + 1];
-        for pair in &unsorted {
-            pace.step(1)?;
-            ends[bin(pair) + 1] += 1;
-        }
-        for i in 1..ends.len() {
-            ends[i] += ends[i - 1];
-        }
-        let mut pairs = vec![Pair::default(); unsorted.len()];
-        // Where a bin begins becomes where it ends.
-        for pair in &unsorted {
-            pace.step(1)?;
-            let end = &mut ends[bin(pair)];
-            pairs[*end] = *pair;
-            *end += 1;
-        }
-        let mut start = 0;
-        for end in &ends[..PAIR_BINS] {
-            let pairs = &mut pairs[start..*end];
-            pace.step(pairs.len())?;
-            pairs.sort_unstable_by(|p, q| p.chord.total_cmp(&q.chord).then(p.a.cmp(&q.a)).then(p.b.cmp(&q.b)));
-            start = *end;
-        }
-        Some(pairs)
-    }
 }
 
-/// Bins of length that pairs are sorted in, and what the pairs of one star are in steps of the pace.
-const PAIR_BINS: usize = 256;
-const PAIR_STEPS: usize = 4;
 /// Triangles that are sorted in a step of the pace.
 const ENTRIES_PER_STEP: usize = 16;
 
@@ -447,6 +375,9 @@ fn sides(density: &Density, geometry: &FieldGeometry) -> (f64, f64) {
 /// The enumeration, as a kernel.
 struct Enumerate<'a, 'p> {
     index: &'a TriangleIndex,
+    /// Of the index stars, and the most that a triangle's have together.
+    ranks: &'a [u8],
+    together: u8,
     pace: &'a mut Pace<'p>,
     columns: &'a mut [Vec<Unsorted>],
 }
@@ -456,7 +387,7 @@ impl Kernel for Enumerate<'_, '_> {
 
     #[inline(always)]
     fn run(self) -> Option<()> {
-        self.index.enumerate(self.pace, self.columns)
+        self.index.enumerate(self.ranks, self.together, self.pace, self.columns)
     }
 }
 
@@ -468,12 +399,15 @@ struct Neighbourhood {
     y: Vec<f32>,
     z: Vec<f32>,
     distance_sq: Vec<f32>,
+    rank: Vec<u8>,
     from_b_sq: Vec<f32>,
 }
 
 impl Neighbourhood {
-    fn gather(&mut self, at: &Vec3, directions: &[Vec3], neighbours: &[u32]) {
+    fn gather(&mut self, at: &Vec3, directions: &[Vec3], ranks: &[u8], neighbours: &[u32]) {
         self.at = *at;
+        self.rank.clear();
+        self.rank.extend(neighbours.iter().map(|&n| ranks[n as usize]));
         for list in [&mut self.x, &mut self.y, &mut self.z, &mut self.distance_sq] {
             list.clear();
         }
@@ -509,8 +443,14 @@ impl Neighbourhood {
     }
 }
 
-/// The neighbours of each star within a chord, nearest first; where there are more than fit a byte, the nearest.
-fn find_neighbours(directions: &[Vec3], chord: f64, pace: &mut Pace<'_>) -> Option<(Vec<u32>, Vec<u32>)> {
+/// The neighbours of each star within a chord, nearest first, that may be in a triangle with it; where there are more than fit a byte, the nearest.
+fn find_neighbours(
+    directions: &[Vec3],
+    ranks: &[u8],
+    together: u8,
+    chord: f64,
+    pace: &mut Pace<'_>,
+) -> Option<(Vec<u32>, Vec<u32>)> {
     let radius = 2.0 * (0.5 * chord).asin();
     let (grid, order) = SkyGrid::build(directions, 0.5 * radius, pace)?;
     let mut neighbours = Vec::new();
@@ -522,7 +462,7 @@ fn find_neighbours(directions: &[Vec3], chord: f64, pace: &mut Pace<'_>) -> Opti
         grid.ranges_near(at, radius, |range| {
             for &b in &order[range] {
                 let distance_sq = (directions[b as usize] - at).norm_squared();
-                if b as usize != a && distance_sq <= chord * chord {
+                if b as usize != a && ranks[a] + ranks[b as usize] <= together && distance_sq <= chord * chord {
                     near.push((distance_sq, b));
                 }
             }

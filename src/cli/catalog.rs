@@ -91,7 +91,7 @@ fn index(catalogue: Catalogue, settings: Settings, clock: &Clock) -> anyhow::Res
     let prepared = prepare(&mut solver, width, height);
     let ready = clock.uptime();
     let field = solver.field().context("the index is not there")?;
-    let (stars, triangles, pairs) = field.triangles.counts();
+    let (stars, triangles) = field.triangles.counts();
     let key = &field.key;
     let density = key.density();
     let degrees = |px: usize| px as f64 * field.geometry.platescale / DEG;
@@ -102,7 +102,6 @@ fn index(catalogue: Catalogue, settings: Settings, clock: &Clock) -> anyhow::Res
             "triangles   {triangles}, of sides up to {:.2} of the diagonal, of {}",
             density.longest_side, key.wanted.longest_side
         ),
-        format!("pairs       {pairs}"),
         format!("memory      {:.1} MB", field.bytes() as f64 / 1e6),
         format!("catalogue   read in {:.3} s", loaded.as_secs_f64()),
         format!("index       {} in {:.3} s", prepared.word(), (ready - loaded).as_secs_f64()),

@@ -10,6 +10,7 @@
 
 use crate::sky::{Attitude, Mat3, Vec3};
 use nalgebra::{SMatrix, SVector};
+use std::f64::consts::TAU;
 
 /// A source and the star that it is taken for.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -148,6 +149,18 @@ impl Fit {
     /// χ² per degree of freedom.
     pub fn chi2_per_dof(&self) -> f64 {
         self.chi2 / self.dof.max(1.0)
+    }
+
+    /// ln of the part of all attitudes, and of the plate scales and distortions of the prior, that fit as well as this pose does:
+    /// Laplace's approximation of the mean likelihood over all of them, relative to that of the fit.
+    pub fn ln_peak(&self, prior: &FitPrior) -> f64 {
+        let ln_gaussian = |off: f64, sigma: f64| -0.5 * (off / sigma).powi(2) - (TAU.sqrt() * sigma).ln();
+        // Four pi of boresights and two pi of rolls.
+        let ln_attitudes = (2.0 * TAU * TAU).ln();
+        let ln_volume = 0.5 * (PARAMETERS as f64 * TAU.ln() + self.covariance.determinant().max(f64::MIN_POSITIVE).ln());
+        ln_volume - ln_attitudes
+            + ln_gaussian((self.pose.platescale / prior.platescale).ln(), prior.sigma_ln_platescale)
+            + ln_gaussian(self.pose.k1 - prior.k1, prior.sigma_k1)
     }
 
     /// Covariance on the sky at the boresight: east, north, roll (position angle of up), rad²; and σ of ln plate scale.

@@ -1,4 +1,4 @@
-//! The pattern search: triangles of sources, then pairs, looked up in the index, screened and verified.
+//! The pattern search: triangles of sources, looked up in the index, screened and verified.
 //!
 //! Triangles come in the order of the faintest source in them, so that one bright false source blocks nothing. A triangle's
 //! candidates are screened by turning all sources onto the sky and asking a bitmap whether a star is there; few false ones pass.
@@ -8,13 +8,13 @@
 
 use super::Stop;
 use super::fit::Pose;
-use super::verify::{FrameGeometry, Hypothesis, PatternSource, ln_hypotheses, verify};
+use super::verify::{FrameGeometry, Hypothesis, PatternSource, verify};
 use crate::catalog::{Field, FoundTriangle, POINTS, Runs, TriangleQuery, shape};
 use crate::sky::{Attitude, Kernel, Vec3, with_vectors};
 
-/// How far a corner may lie from where the star is, in its own σ and, beyond that, for the optics' distortion, px (trials: a loss of
-/// less than one triangle in a hundred).
-const CORNER_SIGMAS: f64 = 2.5;
+/// How far a corner may lie from where the star is, in its own σ and, beyond that, for the optics' distortion, px (trials: wider
+/// boxes bring more chance candidates than right ones; more triangles in the index are the cheaper hedge).
+const CORNER_SIGMAS: f64 = 2.0;
 const DISTORTED_PX: f64 = 1.0;
 /// Sources beyond the pattern that must fall on a star: with few sources two are enough, with many chance gives two.
 const FEW_SOURCES: usize = 9;
@@ -73,9 +73,6 @@ pub struct PatternSearch<'a> {
     geometry: &'a FrameGeometry,
     rules: &'a SearchRules<'a>,
     need: usize,
-    /// ln of the number of hypotheses over the whole sky, and inside the region.
-    ln_whole: f64,
-    ln_region: f64,
     best: Option<Hypothesis>,
     tally: SearchTally,
     /// Cells of the sky that the sources fall into, for each candidate.
@@ -88,15 +85,12 @@ impl<'a> PatternSearch<'a> {
     /// Of more than [`MAX_SOURCES`] the rest is left out.
     pub fn new(field: &'a Field, sources: &'a [PatternSource], geometry: &'a FrameGeometry, rules: &'a SearchRules<'a>) -> Self {
         let sources = &sources[..sources.len().min(MAX_SOURCES)];
-        let fraction = rules.region.as_ref().map_or(1.0, |r| r.0);
         Self {
             field,
             sources,
             geometry,
             rules,
             need: if sources.len() > FEW_SOURCES { 3 } else { 2 },
-            ln_whole: ln_hypotheses(sources.len(), geometry, field, 1.0),
-            ln_region: ln_hypotheses(sources.len(), geometry, field, fraction),
             best: None,
             tally: SearchTally::default(),
             cells: Vec::new(),
@@ -149,30 +143,6 @@ impl<'a> PatternSearch<'a> {
                 planes.push(SourcePlane::new(self.sources, [a, b, c]));
             }
         }
-    }
-
-    /// Every short pair of sources, both ways round, with what the triangles left of the budget: a last resort.
-    #[inline(always)]
-    fn pairs(&mut self) -> Option<SearchEnd> {
-        let mut found: Vec<[u32; 2]> = Vec::new();
-        for j in 1..self.sources.len() {
-            for i in 0..j {
-                let length = (self.sources[j].direction - self.sources[i].direction).norm();
-                if length < self.field.triangles.sides().0 || length > self.field.triangles.longest_pair() {
-                    continue;
-                }
-                found.clear();
-                self.field
-                    .triangles
-                    .pairs(self.length_range(length, self.tolerance(&[i, j])), |[a, b]| found.extend([[a, b], [b, a]]));
-                found.truncate(self.rules.budget.saturating_sub(self.tally.candidates) as usize);
-                let (end, _) = self.screen(&[SourcePlane::new(self.sources, [i, j])], &found, |&stars| (0, stars));
-                if end.is_some() {
-                    return end;
-                }
-            }
-        }
-        None
     }
 
     /// How far the worst of some corners may lie from its star, rad at the middle plate scale.
@@ -252,17 +222,29 @@ impl<'a> PatternSearch<'a> {
     /// Verifies a pose; ends the search where chance does not explain it.
     fn verified(&mut self, pose: &Pose, min_matched: usize) -> Option<SearchEnd> {
         self.tally.verified += 1;
-        let min_matched = min_matched.min(self.rules.min_matched);
-        let mut hypothesis = verify(self.sources, pose, self.field, self.geometry, min_matched)?;
-        let inside = self.rules.region.as_ref().is_some_and(|(_, allows)| allows(&hypothesis.pose.attitude.boresight()));
-        hypothesis.false_ln = (if inside { self.ln_region } else { self.ln_whole }) - hypothesis.log_odds;
-        if hypothesis.false_ln <= self.rules.max_false_ln && hypothesis.matches.len() >= self.rules.min_matched {
+        let hypothesis = self.judge(pose, min_matched)?;
+        if self.is_beyond_doubt(&hypothesis) {
             return Some(SearchEnd::Found(hypothesis));
         }
         if self.best.as_ref().is_none_or(|best| hypothesis.false_ln < best.false_ln) {
             self.best = Some(hypothesis);
         }
         None
+    }
+
+    /// What a pose is worth, however it was come by; `None` where fewer than so many sources match, or than the rules want.
+    pub fn judge(&self, pose: &Pose, min_matched: usize) -> Option<Hypothesis> {
+        let min_matched = min_matched.min(self.rules.min_matched);
+        let mut hypothesis = verify(self.sources, pose, self.field, self.geometry, min_matched)?;
+        let region = self.rules.region.as_ref().filter(|(_, allows)| allows(&hypothesis.pose.attitude.boresight()));
+        let ln_searched = region.map_or(0.0, |(fraction, _)| fraction.ln());
+        hypothesis.false_ln = ln_searched - hypothesis.ln_peak - hypothesis.log_odds;
+        Some(hypothesis)
+    }
+
+    /// Whether chance does not explain a hypothesis.
+    pub fn is_beyond_doubt(&self, hypothesis: &Hypothesis) -> bool {
+        hypothesis.false_ln <= self.rules.max_false_ln && hypothesis.matches.len() >= self.rules.min_matched
     }
 
     /// Keeps the last triangles for the display, each once however many labellings it has.
@@ -287,7 +269,7 @@ impl Kernel for Patterns<'_, '_> {
 
     #[inline(always)]
     fn run(self) -> Option<SearchEnd> {
-        self.0.triangles().or_else(|| self.0.pairs())
+        self.0.triangles()
     }
 }
 

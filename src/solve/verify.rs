@@ -1,13 +1,14 @@
 //! Verification: how much better a candidate attitude explains the sources than chance does.
 //!
 //! Null hypothesis: sources lie anywhere on the picture. Alternative: each source is, with probability 1 − d, one of the catalogued stars
-//! that the attitude puts there. The ratio of the two likelihoods, over one attitude, exceeds e^T by chance with probability under
-//! e^−T (Markov); over all attitudes that could be told apart, under N e^−T. So `ln N − log odds` bounds the probability that the best
-//! candidate is false, and the threshold follows from what was searched, not from experience.
+//! that the attitude puts there, and no star is two sources. The mean of the ratio of the two likelihoods over all poses exceeds e^T by
+//! chance with probability under e^−T (Markov), and it is at least what the peak around one pose adds to it: the ratio there, times the
+//! part of all poses that the peak fills (Laplace). So `−ln peak − log odds` bounds the probability that the best candidate is false, and
+//! the threshold follows from what was searched, not from experience.
 
 use super::fit::{FitPrior, Pair, Pose, fit};
 use super::track::{LensPrior, REACH_SIGMAS};
-use crate::catalog::{Field, field_rank};
+use crate::catalog::Field;
 use crate::settings::SolverSettings;
 use crate::sky::Vec3;
 
@@ -56,6 +57,8 @@ pub struct Hypothesis {
     pub matches: Vec<Assigned>,
     /// ln of the likelihood ratio.
     pub log_odds: f64,
+    /// ln of the part of all poses that are searched, over the whole sky, that fit as well as this one.
+    pub ln_peak: f64,
     /// Upper bound of the probability that a candidate as good as this is chance, natural logarithm.
     pub false_ln: f64,
 }
@@ -129,26 +132,11 @@ pub const SHARPEST_PX: f64 = 0.25;
 const MAG_SIGMA: f64 = 0.65;
 const MAG_CHANCE: f64 = 0.25;
 const MAG_UNKNOWN: f64 = 0.03;
+/// How many of a picture's brightest stars the sources may be made of, as parts of the greatest number, that are averaged over: nearly
+/// all sources are stars and some stars are missing, or most sources are false.
+const DEPTHS: [f64; 3] = [1.0, 0.5, 0.25];
 /// Share of the probability for the stars that ought to be seen; the rest is for fainter ones.
 const BRIGHT_SHARE: f64 = 0.75;
-/// Attitudes closer than this cannot be told apart, px (the trials' choice).
-const RESOLUTION_PX: f64 = 1.0;
-
-/// ln of the number of attitudes, rolls and plate scales that `sources` sources could tell apart.
-///
-/// `sky_fraction`: the part of the sky that is searched.
-pub fn ln_hypotheses(sources: usize, geometry: &FrameGeometry, field: &Field, sky_fraction: f64) -> f64 {
-    let n = (sources.max(1)) as f64;
-    let s = RESOLUTION_PX * field.geometry.platescale;
-    // Root mean square distance from the centre of a uniform rectangle.
-    let r = field.geometry.platescale * (geometry.size.0.powi(2) + geometry.size.1.powi(2)).sqrt() / 12f64.sqrt();
-    let (low, high) = geometry.platescale_range;
-    let scale_half_width = (high - low) / (high + low);
-    let positions = 4.0 * std::f64::consts::PI * sky_fraction * n / (2.0 * std::f64::consts::PI * s * s);
-    let rolls = std::f64::consts::TAU * r * n.sqrt() / (2.5 * s);
-    let scales = 2.0 * scale_half_width * r * n.sqrt() / (2.5 * s);
-    positions.max(1.0).ln() + rolls.max(1.0).ln() + scales.max(1.0).ln()
-}
 
 /// Stars of the field that a pose puts on the picture, with where.
 pub fn project_stars(field: &Field, pose: &Pose, geometry: &FrameGeometry, rank_below: u8, out: &mut Vec<(usize, f64, f64)>) {
@@ -225,6 +213,7 @@ pub fn verify_from(
     min_matched: usize,
 ) -> Option<Hypothesis> {
     let mut pose = *start;
+    let mut ln_peak = 0.0;
     let mut stars = Vec::new();
     let mut matches = Vec::new();
     // The first round's tolerance allows for what a small triangle's errors become at the far corner. All σ are nearly equal here: a
@@ -237,44 +226,60 @@ pub fn verify_from(
             return None;
         }
         let pairs = pairs_of(sources, &matches, field, geometry.floor.hypot(LEAST_SIGMA_PX));
-        pose = fit(&pairs, &pose, geometry.half_diagonal, &geometry.prior)?.pose;
+        let fitted = fit(&pairs, &pose, geometry.half_diagonal, &geometry.prior)?;
+        (pose, ln_peak) = (fitted.pose, fitted.ln_peak(&geometry.prior));
     }
     project_stars(field, &pose, geometry, field.verification_rank, &mut stars);
     assign(sources, &stars, |_| 0.6 * geometry.tolerance, &mut matches);
     if matches.len() < min_matched {
         return None;
     }
-    let log_odds = log_odds(sources, &matches, &pose, field, geometry);
-    Some(Hypothesis { pose, matches, log_odds, false_ln: f64::INFINITY })
+    let log_odds = log_odds(sources, &matches, &stars, field, geometry.size.0 * geometry.size.1);
+    Some(Hypothesis { pose, matches, log_odds, ln_peak, false_ln: f64::INFINITY })
 }
 
-/// ln of the likelihood ratio of an assignment.
-fn log_odds(sources: &[PatternSource], matches: &[Assigned], pose: &Pose, field: &Field, geometry: &FrameGeometry) -> f64 {
-    let area = geometry.size.0 * geometry.size.1;
-    let expected = 1.3 * sources.len() as f64 + 4.0;
-    let known: Vec<(&PatternSource, &crate::catalog::FieldStar)> =
-        matches.iter().filter_map(|m| Some((sources.get(m.source)?, field.stars.stars.get(m.star)?))).collect();
-    let mut zero_points: Vec<f64> = known.iter().map(|(source, star)| source.mag - f64::from(star.mag)).collect();
+/// ln of the likelihood ratio of an assignment to `stars`, which are those on the picture, with where.
+fn log_odds(sources: &[PatternSource], matches: &[Assigned], stars: &[(usize, f64, f64)], field: &Field, area: f64) -> f64 {
+    let mag = |star: usize| field.stars.stars.get(star).map_or(f32::INFINITY, |s| s.mag);
+    let mut zero_points: Vec<f64> =
+        matches.iter().filter_map(|m| Some(sources.get(m.source)?.mag - f64::from(mag(m.star)))).collect();
     zero_points.sort_by(f64::total_cmp);
     let zero_point = zero_points.get(zero_points.len() / 2).copied().unwrap_or(0.0);
-    let mut total = (sources.len() - known.len().min(sources.len())) as f64 * STRAY.ln();
-    for (source, star) in known {
-        let Some((left, up)) = pose.project(&star.direction, geometry.half_diagonal) else { continue };
+    // Of each match: the star's place among the stars on the picture, brightest first, and how much likelier it makes the source.
+    let mut ranked: Vec<(f64, f64)> = Vec::with_capacity(matches.len());
+    for m in matches {
+        let Some((source, &(_, left, up))) = sources.get(m.source).zip(stars.iter().find(|s| s.0 == m.star)) else { continue };
+        let rank = 1 + stars.iter().filter(|s| mag(s.0) < mag(m.star)).count();
         let distance_sq = (left - source.left).powi(2) + (up - source.up).powi(2);
-        let density: f64 = EXTRA_SIGMAS
-            .iter()
-            .map(|extra| {
-                let variance = extra * extra + source.sigma * source.sigma;
-                (-0.5 * distance_sq / variance).exp() / (std::f64::consts::TAU * variance)
-            })
-            .sum::<f64>()
-            / EXTRA_SIGMAS.len() as f64;
-        let rank = field_rank(star.rank);
-        let this_star = if rank <= expected { BRIGHT_SHARE / expected } else { (1.0 - BRIGHT_SHARE) * expected / (rank * rank) };
-        let dm = source.mag - f64::from(star.mag) - zero_point;
+        let density = EXTRA_SIGMAS.iter().map(|extra| {
+            let variance = extra * extra + source.sigma * source.sigma;
+            (-0.5 * distance_sq / variance).exp() / (std::f64::consts::TAU * variance)
+        });
+        let density = density.sum::<f64>() / EXTRA_SIGMAS.len() as f64;
+        let dm = source.mag - f64::from(mag(m.star)) - zero_point;
         let normal = (-0.5 * (dm / MAG_SIGMA).powi(2)).exp() / (MAG_SIGMA * std::f64::consts::TAU.sqrt());
-        let brightness = normal / MAG_CHANCE + MAG_UNKNOWN;
-        total += (STRAY + (1.0 - STRAY) * area * this_star * density * brightness).ln();
+        ranked.push((rank as f64, area * density * (normal / MAG_CHANCE + MAG_UNKNOWN)));
     }
-    total
+    let deepest = 1.3 * sources.len() as f64 + 4.0;
+    let ratios = DEPTHS.map(|depth| {
+        let depth = depth * deepest;
+        let (mut total, mut left) = (0.0, depth);
+        for &(rank, likelier) in &ranked {
+            // The one or other of the stars that no other source is.
+            let this_star =
+                if rank <= depth { BRIGHT_SHARE / left.max(1.0) } else { (1.0 - BRIGHT_SHARE) * depth / (rank * rank) };
+            let ratio = (1.0 - STRAY) * this_star * likelier;
+            // What fits no better than chance is chance, and the star is free for another source.
+            if ratio > STRAY {
+                total += ratio.ln();
+                left -= if rank <= depth { 1.0 } else { 0.0 };
+            } else {
+                total += STRAY.ln();
+            }
+        }
+        total
+    });
+    let greatest = ratios.iter().copied().fold(f64::MIN, f64::max);
+    let mean = ratios.iter().map(|ratio| (ratio - greatest).exp()).sum::<f64>() / ratios.len() as f64;
+    (sources.len() - ranked.len().min(sources.len())) as f64 * STRAY.ln() + greatest + mean.ln()
 }
