@@ -151,16 +151,16 @@ impl Fit {
         self.chi2 / self.dof.max(1.0)
     }
 
-    /// ln of the part of all attitudes, and of the plate scales and distortions of the prior, that fit as well as this pose does:
+    /// ln of the part of all attitudes, and of the plate scales and lenses of the prior, that fit as well as this pose does:
     /// Laplace's approximation of the mean likelihood over all of them, relative to that of the fit.
     pub fn ln_peak(&self, prior: &FitPrior) -> f64 {
-        let ln_gaussian = |off: f64, sigma: f64| -0.5 * (off / sigma).powi(2) - (TAU.sqrt() * sigma).ln();
         // Four pi of boresights and two pi of rolls.
         let ln_attitudes = (2.0 * TAU * TAU).ln();
         let ln_volume = 0.5 * (PARAMETERS as f64 * TAU.ln() + self.covariance.determinant().max(f64::MIN_POSITIVE).ln());
-        ln_volume - ln_attitudes
-            + ln_gaussian((self.pose.platescale / prior.platescale).ln(), prior.sigma_ln_platescale)
-            + ln_gaussian(self.pose.k1 - prior.k1, prior.sigma_k1)
+        // The prior's normal densities at the pose.
+        let ln_prior: f64 =
+            prior.pulls(&self.pose).iter().map(|(_, weight, off)| 0.5 * ((weight / TAU).ln() - weight * off * off)).sum();
+        ln_volume - ln_attitudes + ln_prior
     }
 
     /// Covariance on the sky at the boresight: east, north, roll (position angle of up), rad²; and σ of ln plate scale.
