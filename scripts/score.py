@@ -360,6 +360,17 @@ def score_none(verdict, directory, what):
     verdict(f"no solution of {what}", f"{len(solved)} of {len(pairs)} solved {solved[:5] or ''}".rstrip(), not solved)
 
 
+def score_never(verdict, directory):
+    """Frames that must not be solved: none is, and the bound on the probability of chance is kept by their best candidates."""
+    score_none(verdict, directory, "frames that must not be solved")
+    answers = [answer for answer, _ in read_directory(directory)]
+    bounds = [answer["candidate"]["false_probability_log10"] for answer in answers if answer["candidate"]]
+    bounds += [answer["false_probability_log10"] for answer in answers if answer["solved"]]
+    for power in (-1, -2, -3, -4):
+        share = sum(bound <= power for bound in bounds) / max(len(answers), 1)
+        verdict(f"share whose best candidate is chance with at most 10^{power}, at most that", f"{share:.1e}", share <= 10.0 ** power)
+
+
 def score_causes(verdict, directory):
     """Of the frames that each cause left unsolved, the share in which it is named; and the size of the blur, where it is one."""
     kinds = {}
@@ -572,6 +583,8 @@ def main(arguments):
             score_measured(verdict, directory)
         case ["nostars", directory]:
             score_none(verdict, directory, "frames without stars")
+        case ["none", directory]:
+            score_never(verdict, directory)
         case ["causes", directory]:
             score_causes(verdict, directory)
         case ["scale", directory]:

@@ -243,7 +243,7 @@ fn a_frame_looks_where_its_kind_says() {
 #[test]
 fn frames_without_stars_have_no_truth_to_find() {
     let catalogue = Catalogue::embedded().unwrap();
-    for kind in [Kind::NoStars, Kind::Blank] {
+    for kind in [Kind::NoStars, Kind::Blank, Kind::Clustered, Kind::Linear] {
         let truth = render(&small(kind, 1, 0), &catalogue).unwrap().truth;
         assert!(truth.attitude.is_none() && !truth.must && truth.stars.is_empty() && truth.stars_over_snr5 == 0);
     }

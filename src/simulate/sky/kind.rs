@@ -35,13 +35,17 @@ pub enum Kind {
     Blank,
     /// Float with stars so dimmed that 3 to 6 of them are over SNR 5.
     Faint,
+    /// Float without a star, and clusters of points that look like stars: no solution is right.
+    Clustered,
+    /// Float without a star, and points that look like stars along lines: no solution is right.
+    Linear,
     /// A frame spoilt by one cause, so that it is mostly not solved: what the outcome should name.
     Spoilt(Cause),
 }
 
 impl Kind {
     /// All kinds, in the order of the documentation.
-    pub const ALL: [Self; 26] = [
+    pub const ALL: [Self; 28] = [
         Self::Night,
         Self::Float,
         Self::Gradient,
@@ -68,6 +72,8 @@ impl Kind {
         Self::Spoilt(Cause::Mirrored),
         Self::Spoilt(Cause::WrongPrior),
         Self::Spoilt(Cause::LensCovered),
+        Self::Clustered,
+        Self::Linear,
     ];
 
     /// The name, as on the command line and in file names.
@@ -87,6 +93,8 @@ impl Kind {
             Self::NoStars => "nostars",
             Self::Blank => "blank",
             Self::Faint => "faint",
+            Self::Clustered => "clustered",
+            Self::Linear => "linear",
             Self::Spoilt(Cause::Overexposed) => "cause-overexposed",
             Self::Spoilt(Cause::Saturated) => "cause-saturated",
             Self::Spoilt(Cause::NoContrast) => "cause-no_contrast",
@@ -104,8 +112,9 @@ impl Kind {
 
     /// Whether there are stars in it, so that a solution can be right.
     pub fn has_stars(self) -> bool {
-        let none = [Self::NoStars, Self::Blank, Self::Spoilt(Cause::LensCovered), Self::Spoilt(Cause::NoContrast)];
-        !none.contains(&self)
+        let none = [Self::NoStars, Self::Blank, Self::Clustered, Self::Linear];
+        let spoilt = [Self::Spoilt(Cause::LensCovered), Self::Spoilt(Cause::NoContrast)];
+        !none.contains(&self) && !spoilt.contains(&self)
     }
 
     /// What spoils it.

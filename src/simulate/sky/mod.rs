@@ -16,6 +16,7 @@ mod psf;
 mod random;
 mod scene;
 mod sensor;
+mod specks;
 mod spoil;
 mod stars;
 mod truth;
@@ -167,6 +168,7 @@ pub fn render(spec: &RenderSpec, catalogue: &Catalogue) -> Result<Rendered, Rend
                 stars::dim_to(count, &mut images, sensor);
             }
             images.iter().for_each(|star| star.paint(&mut light, width));
+            specks::draw(spec, &scene).iter().for_each(|speck| speck.paint(&mut light, width));
             dim(&mut light, &transmission, &mut spec.camera_dice(Purpose::Pattern));
             scene.flaws.paint_lasting(&mut light, width, sensor.sum_over_mean, &mut spec.camera_dice(Purpose::HotPixels));
             scene.flaws.paint_tracks(&mut light, width, sensor.sum_over_mean, &mut spec.dice(Purpose::Events));

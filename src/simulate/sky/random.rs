@@ -19,6 +19,7 @@ pub(super) enum Purpose {
     Noise,
     Star,
     Spoil,
+    Specks,
 }
 
 /// One stream of chance.
