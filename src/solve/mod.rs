@@ -5,6 +5,7 @@
 //!
 //! Who has sources already, and no frame, uses the match alone: [`PatternSearch`].
 
+mod abreast;
 mod cause;
 mod copies;
 mod diagnose;

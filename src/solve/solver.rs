@@ -16,7 +16,6 @@ use crate::settings::Settings;
 use crate::sky::{CameraModel, DEG, HOUR, Mat3, Observer, RowOrder, Vec3};
 use crate::sources::{Finder, Look, SearchKernel, Source};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Solves frames. Holds the catalogue, the index for one field, and the memory that a frame needs. A clone shares catalogue and
 /// index and has memory of its own.
@@ -28,7 +27,7 @@ pub struct Solver {
     pub(super) cells: Arc<CellStatistics>,
     pub(super) finder: Finder,
     /// Surveys on a second thread, where there are two.
-    second: Finder,
+    pub(super) second: Finder,
     pub(super) found: Vec<Source>,
     /// What the searches of the present frame saw.
     pub(super) seen: Seen,
@@ -59,7 +58,7 @@ pub(super) struct Search<'a> {
 
 impl Search<'_> {
     /// Whether nothing is taken from a place, px.
-    fn masked(&self) -> impl Fn(usize, usize) -> bool {
+    pub fn masked(&self) -> impl Fn(usize, usize) -> bool {
         |x, y| self.mask.as_ref().is_some_and(|mask| mask.is_masked(x, y))
     }
 
@@ -256,7 +255,7 @@ impl Solver {
     }
 
     /// Searches with the wide kernels, the one in which most stands out first, until the frame is done with.
-    fn search_widely(&mut self, search: &Search<'_>, outcome: &mut Outcome) {
+    pub(super) fn search_widely(&mut self, search: &Search<'_>, outcome: &mut Outcome) {
         let started = search.watch.elapsed();
         let settings = self.settings.clone();
         let (masked, keep_on) = (search.masked(), search.keep_on());
@@ -270,42 +269,8 @@ impl Solver {
         self.search_lists(search, kernels, outcome);
     }
 
-    /// The normal search, while a second thread makes the survey that the robust one begins with: the outcome is that of one after the
-    /// other, and a frame that needs both has it sooner.
-    fn search_abreast(&mut self, search: &Search<'_>, outcome: &mut Outcome) {
-        let (mut second, cells, settings) = (std::mem::take(&mut self.second), self.cells.clone(), self.settings.clone());
-        let solved = AtomicBool::new(false);
-        let survey = || {
-            let keep_on = || !solved.load(Ordering::Relaxed) && search.watch.stop().is_none();
-            let look = Look { settings: &settings.solver.sources, masked: &search.masked(), keep_on: &keep_on };
-            second.begin(search.frame, &cells);
-            second.survey(search.frame, &cells, &look)
-        };
-        let kernels = std::thread::scope(|scope| {
-            // Where no thread is to be had the survey is made by the robust search itself.
-            let thread = std::thread::Builder::new().name("survey".into()).spawn_scoped(scope, survey).ok();
-            let done = self.search_with(search, SearchKernel::Sharp, outcome);
-            solved.store(done, Ordering::Relaxed);
-            let started = search.watch.elapsed();
-            let kernels = thread.map(|thread| thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
-            outcome.times.find += search.watch.elapsed() - started;
-            (!done).then_some(kernels)
-        });
-        self.second = second;
-        let Some(kernels) = kernels else { return };
-        outcome.mode = SearchMode::Robust;
-        match kernels {
-            Some(Some(kernels)) => {
-                std::mem::swap(&mut self.finder, &mut self.second);
-                self.search_lists(search, kernels, outcome);
-            }
-            Some(None) => _ = stopped(outcome, search.watch.stop().unwrap_or(Stop::Aborted)),
-            None => self.search_widely(search, outcome),
-        }
-    }
-
     /// Searches with wide kernels that were surveyed, until the frame is done with.
-    fn search_lists(&mut self, search: &Search<'_>, kernels: Vec<SearchKernel>, outcome: &mut Outcome) {
+    pub(super) fn search_lists(&mut self, search: &Search<'_>, kernels: Vec<SearchKernel>, outcome: &mut Outcome) {
         for kernel in kernels.into_iter().take(WIDE_LISTS) {
             if self.search_with(search, kernel, outcome) {
                 break;
@@ -314,7 +279,7 @@ impl Solver {
     }
 
     /// Finds and matches with one kernel; `true` where the frame is done with.
-    fn search_with(&mut self, search: &Search<'_>, kernel: SearchKernel, outcome: &mut Outcome) -> bool {
+    pub(super) fn search_with(&mut self, search: &Search<'_>, kernel: SearchKernel, outcome: &mut Outcome) -> bool {
         let &Search { frame, prior, watch, .. } = search;
         let started = watch.elapsed();
         let settings = self.settings.clone();

@@ -13,6 +13,7 @@ mod lines;
 mod measure;
 mod peaks;
 mod plane;
+mod survey;
 mod trails;
 
 pub use blur::Figure;

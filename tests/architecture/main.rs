@@ -61,8 +61,10 @@ const NAMES_NOWHERE: [(&str, &str); 6] = [
 ];
 
 /// Honest exceptions: file, the path it may name, and why. One that is not needed any more fails the test.
-const EXCEPTIONS: [(&str, &str, &str); 1] =
-    [("sky/vectors.rs", "unsafe", "the same code compiled for AVX2 is called where the processor has it")];
+const EXCEPTIONS: [(&str, &str, &str); 2] = [
+    ("sky/vectors.rs", "unsafe", "the same code compiled for AVX2 is called where the processor has it"),
+    ("solve/abreast.rs", "std::thread", "two threads work on one frame, and have ended before its outcome is there"),
+];
 
 /// A broken rule: where, what, why.
 #[derive(Debug, PartialEq, Clone)]

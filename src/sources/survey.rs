@@ -1,0 +1,112 @@
+//! The survey of the wide kernels: in which of them most stands out.
+
+use super::finder::{Finder, Look, rules_cell};
+use super::kernel::SearchKernel;
+use super::peaks::{Peak, PeakRules};
+use super::trails;
+use crate::image::{CellStatistics, Frame};
+
+/// What a kernel found.
+#[derive(Debug, Clone)]
+pub(super) struct Survey {
+    pub kernel: SearchKernel,
+    pub peaks: Vec<Peak>,
+    /// Sum of the squares of how far the best sources are above what a source must be.
+    score: f32,
+}
+
+/// Scales that are surveyed round, and those that are surveyed for trails: kernels of 2, 4 and 8 px; trails of 12 and 24 px.
+const ROUND_SCALES: std::ops::RangeInclusive<usize> = 1..=3;
+const TRAIL_SCALES: std::ops::RangeInclusive<usize> = 1..=2;
+/// Sources whose confidence decides what a kernel is worth: about as many as there are stars. None of them counts for more than this,
+/// so that one bright star does not decide for all.
+const DECIDING: usize = 12;
+const MOST_OF_ONE: f32 = 8.0;
+/// Peaks of a cell by which a kernel is judged: enough to have a dozen stars among them.
+const JUDGED_PER_CELL: usize = 2;
+/// Peaks that a cell gives along a direction: all directions are measured before one is chosen.
+const TRAILS_PER_CELL: usize = 4;
+
+impl Finder {
+    /// Looks with every wide kernel, and tells which are worth a search: the one in which most stands out first; `None` where it was
+    /// told not to keep on.
+    ///
+    /// Of the directions of a trail only the best is told.
+    pub fn survey(&mut self, frame: &Frame, cells: &CellStatistics, look: &Look<'_>) -> Option<Vec<SearchKernel>> {
+        self.surveyed.clear();
+        for scale in ROUND_SCALES {
+            let kernel = SearchKernel::Round { scale };
+            let mut peaks = Vec::new();
+            if !self.find_peaks(frame, cells, look, kernel, &mut peaks) {
+                return None;
+            }
+            let round = self.judged(frame, cells, look, kernel, peaks);
+            let trails = TRAIL_SCALES.contains(&scale);
+            let trail = if trails { Some(self.survey_trails(frame, cells, look, scale, &round.peaks)?) } else { None };
+            self.surveyed.push(round);
+            self.surveyed.extend(trail);
+        }
+        self.surveyed.sort_by(|a, b| b.score.total_cmp(&a.score));
+        Some(self.surveyed.iter().map(|survey| survey.kernel).collect())
+    }
+
+    /// The direction in which most stands out in the picture halved `scale` times, and its peaks, which lie beside those of the round
+    /// kernel; `None` where it was told not to keep on.
+    fn survey_trails(
+        &mut self,
+        frame: &Frame,
+        cells: &CellStatistics,
+        look: &Look<'_>,
+        scale: usize,
+        round: &[Peak],
+    ) -> Option<Survey> {
+        let mut best: Option<Survey> = None;
+        for direction in 0..trails::DIRECTIONS {
+            let kernel = SearchKernel::Trail { scale, direction };
+            let peaks = self.find_trails(look, kernel, direction, round);
+            let trail = self.judged(frame, cells, look, kernel, peaks);
+            if best.as_ref().is_none_or(|best| trail.score > best.score) {
+                best = Some(trail);
+            }
+            if !(look.keep_on)() {
+                return None;
+            }
+        }
+        best
+    }
+
+    /// What a kernel's peaks are worth: how confident the best of those are that have its shape.
+    fn judged(
+        &mut self,
+        frame: &Frame,
+        cells: &CellStatistics,
+        look: &Look<'_>,
+        kernel: SearchKernel,
+        peaks: Vec<Peak>,
+    ) -> Survey {
+        // Those of a cell come one after the other, the highest first.
+        let cell = rules_cell(look.settings, kernel.search_scale());
+        let cell_of = |peak: &Peak| (peak.x / cell, peak.y / cell);
+        self.peaks.clear();
+        for of_cell in peaks.chunk_by(|a, b| cell_of(a) == cell_of(b)) {
+            self.peaks.extend(of_cell.iter().take(JUDGED_PER_CELL));
+        }
+        self.measure_peaks(frame, cells, look, kernel);
+        let stars = self.candidates.iter().filter(|c| c.is_star_like());
+        let mut confidences: Vec<f32> = stars.map(|c| c.standing.confidence.min(MOST_OF_ONE)).collect();
+        confidences.sort_unstable_by(|a, b| b.total_cmp(a));
+        // What any noise has counts for nothing.
+        let score = confidences.iter().take(DECIDING).map(|c| (c - look.settings.min_snr as f32).max(0.0).powi(2)).sum();
+        Survey { kernel, peaks, score }
+    }
+
+    /// The peaks along a direction, in the smoothed picture of the round kernel just searched with.
+    fn find_trails(&self, look: &Look<'_>, kernel: SearchKernel, direction: usize, round: &[Peak]) -> Vec<Peak> {
+        let thresholds: Vec<f32> = self.thresholds.iter().map(|threshold| trails::noise(direction) * threshold).collect();
+        let masked = look.masked_at(kernel.scale());
+        let rules = PeakRules { per_cell: TRAILS_PER_CELL, ..look.rules(kernel, &self.smooth, &thresholds, &masked) };
+        let mut peaks = Vec::new();
+        trails::find(&self.smooth, &rules, round, direction, &mut peaks);
+        peaks
+    }
+}
