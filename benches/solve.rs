@@ -1,4 +1,4 @@
-//! How long a frame takes from pixels in memory to outcome: `cargo bench --bench solve -- --kind float --frames 100`.
+//! How long a frame takes from pixels in memory to outcome: `cargo bench --bench solve -- --kind night --kind float --frames 100`.
 //!
 //! Thread CPU time, taken outside `Solver::solve`, one thread, lost in space, shipped settings. The frames are rendered
 //! first and solved once, so that the index is built and memory is warm; then each is solved a few times and its median
@@ -21,10 +21,10 @@ use std::time::Duration;
 /// Measures the solver
 #[derive(Debug, Parser)]
 struct Args {
-    /// Kind of frame, as in `stars render --help`
-    #[arg(long, default_value = "float")]
-    kind: Kind,
-    /// Frames
+    /// Kinds of frame, as in `stars render --help`
+    #[arg(long, default_values = ["night", "float"])]
+    kind: Vec<Kind>,
+    /// Frames of each kind
     #[arg(long, default_value_t = 50)]
     frames: u64,
     /// Seed of the frames
@@ -59,14 +59,16 @@ fn main() {
     let catalogue = Arc::new(Catalogue::embedded().unwrap());
     let mut settings = Settings::flight().unwrap();
     settings.solver.robust = args.shipped;
+    let specs = args.kind.iter().flat_map(|&kind| (0..args.frames).map(move |index| (kind, index)));
     let frames: Vec<Frame> =
-        (0..args.frames).map(|index| render(&RenderSpec::new(args.kind, args.seed, index), &catalogue).unwrap().frame).collect();
+        specs.map(|(kind, index)| render(&RenderSpec::new(kind, args.seed, index), &catalogue).unwrap().frame).collect();
     let Some(first) = frames.first() else { return };
     let mut solver = Solver::new(catalogue, Arc::new(settings));
     solver.prepare(first.width, first.height);
-    println!("{} {} frames of {} × {} px, seed {}", frames.len(), args.kind, first.width, first.height, args.seed);
+    let kinds: Vec<&str> = args.kind.iter().map(|kind| kind.name()).collect();
+    println!("{} frames of {} × {} px: {}; seed {}", frames.len(), first.width, first.height, kinds.join(", "), args.seed);
     println!("thread CPU time, median of {} runs each\n", args.repeats);
-    println!("{:<22} {:>9} {:>9} {:>9} {:>8}", "", "median", "p95", "max", "solved");
+    println!("{:<22} {:>9} {:>9} {:>9} {:>9} {:>8}", "", "median", "p95", "p99", "max", "solved");
     let searches = if args.shipped { &SHIPPED[..] } else { &SEARCHES[..] };
     for &(name, search) in searches {
         let mut totals = Vec::new();
@@ -88,6 +90,6 @@ fn main() {
 }
 
 fn row(name: &str, times: &mut [f64], solved: &str) {
-    let [median, p95, max] = [0.5, 0.95, 1.0].map(|part| quantile(times, part));
-    println!("{name:<22} {median:>6.2} ms {p95:>6.2} ms {max:>6.2} ms {solved:>8}");
+    let [median, p95, p99, max] = [0.5, 0.95, 0.99, 1.0].map(|part| quantile(times, part));
+    println!("{name:<22} {median:>6.2} ms {p95:>6.2} ms {p99:>6.2} ms {max:>6.2} ms {solved:>8}");
 }
