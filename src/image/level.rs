@@ -23,24 +23,37 @@ pub struct Level {
 ///
 /// Where the ends cross, the full scale. (Paper, § Statistics; margins and fallback of the program that flew.)
 pub fn auto_level(frame: &Frame) -> Level {
-    let sampled = || frame.pixels.chunks(frame.width.max(1)).step_by(STEP);
-    // No longer than the values need: a whole scale takes longer to clear than to fill.
-    let highest = sampled().flatten().copied().max().unwrap_or(0);
-    let mut counts = vec![0_u32; usize::from(highest) + 1];
-    let mut counted = 0;
-    for row in sampled() {
-        for &adu in row.iter().step_by(STEP) {
-            if let Some(count) = counts.get_mut(usize::from(adu)) {
-                *count += 1;
-                counted += 1;
+    let highest = frame.pixels.iter().copied().max().unwrap_or(0);
+    LevelMeter::default().level(frame, highest)
+}
+
+/// Measures levels, in the memory of the last frame.
+#[derive(Debug, Clone, Default)]
+pub struct LevelMeter {
+    counts: Vec<u32>,
+}
+
+impl LevelMeter {
+    /// As [`auto_level`]. `highest`: the highest value of the image, or one that counts for all above it, ADU.
+    pub fn level(&mut self, frame: &Frame, highest: u16) -> Level {
+        let counts = &mut self.counts;
+        counts.clear();
+        counts.resize(usize::from(highest) + 1, 0);
+        let mut counted = 0;
+        for row in frame.pixels.chunks(frame.width.max(1)).step_by(STEP) {
+            for &adu in row.iter().step_by(STEP) {
+                if let Some(count) = counts.get_mut(usize::from(adu.min(highest))) {
+                    *count += 1;
+                }
             }
+            counted += row.len().div_ceil(STEP);
         }
-    }
-    let low = end_of(counts.iter().enumerate(), counted).map(|adu| adu.saturating_sub(MARGIN_ADU));
-    let high = end_of(counts.iter().enumerate().rev(), counted).map(|adu| adu.saturating_add(MARGIN_ADU));
-    match (low, high) {
-        (Some(low), Some(high)) if low < high => Level { low, high },
-        _ => Level { low: 0, high: frame.full_scale.unwrap_or(u16::MAX).max(1) },
+        let low = end_of(counts.iter().enumerate(), counted).map(|adu| adu.saturating_sub(MARGIN_ADU));
+        let high = end_of(counts.iter().enumerate().rev(), counted).map(|adu| adu.saturating_add(MARGIN_ADU));
+        match (low, high) {
+            (Some(low), Some(high)) if low < high => Level { low, high },
+            _ => Level { low: 0, high: frame.full_scale.unwrap_or(u16::MAX).max(1) },
+        }
     }
 }
 

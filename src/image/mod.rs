@@ -9,6 +9,7 @@
 //! * [`auto_level`] and [`to_grey8`] make an image visible.
 
 mod bad_pixels;
+mod cell;
 mod coadd;
 mod fits;
 mod frame;
@@ -24,7 +25,7 @@ mod write;
 pub use bad_pixels::{BadPixels, BadPixelsError};
 pub use coadd::{CoaddError, MAX_PARTS, coadd};
 pub use frame::{Frame, ImageCounter, Stamp, TriggerCounter};
-pub use level::{Level, auto_level, to_grey8};
+pub use level::{Level, LevelMeter, auto_level, to_grey8};
 pub use mask::{Mask, MaskError};
 pub use name::{series_stem, time_in_name};
 pub use read::{Problem, ReadError, read};

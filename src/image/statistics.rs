@@ -3,6 +3,7 @@
 #![allow(clippy::indexing_slicing, reason = "a numeric kernel: rows and cells are cut from the frame's own size")]
 
 use super::Frame;
+use super::cell::{CellSums, Lines};
 use crate::sky::{Kernel, with_vectors};
 
 /// Side of a cell, px.
@@ -70,7 +71,7 @@ impl CellStatistics {
         }
         self.max.resize(self.columns * self.rows, 0);
         if self.columns > 0 {
-            with_vectors(Gather { cells: self, frame });
+            gather_soonest(self, frame);
         }
         self.image_mean = self.mean.iter().map(|&m| f64::from(m)).sum::<f64>() / self.mean.len().max(1) as f64;
         self.find_saturation(frame, full_scale);
@@ -160,9 +161,10 @@ impl CellStatistics {
             return None;
         }
         self.sorted.select_nth_unstable_by(lowest, f32::total_cmp);
-        // Summed in order, so that the result does not depend on how the selection left them.
-        self.sorted[..lowest].sort_unstable_by(f32::total_cmp);
-        Some(self.sorted[..lowest].iter().map(|&g| f64::from(g)).sum::<f64>() / lowest as f64)
+        // Summed as whole numbers, so that the result does not depend on the order in which the selection left them.
+        const UNIT: f64 = (1_u64 << 32) as f64;
+        let sum: u128 = self.sorted[..lowest].iter().map(|&gain| (f64::from(gain) * UNIT) as u128).sum();
+        Some(sum as f64 / UNIT / lowest as f64)
     }
 
     /// Saturation from the image itself: the camera's full scale, or a plateau at the frame's own highest value.
@@ -201,35 +203,41 @@ impl CellStatistics {
     }
 }
 
-/// Mean, standard deviation, noise and highest value of every cell, one pass over the frame.
-struct Gather<'a> {
-    cells: &'a mut CellStatistics,
-    frame: &'a Frame,
-}
-
-impl Kernel for Gather<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Gather { cells, frame } = self;
-        for row in 0..cells.rows {
-            let lines = std::array::from_fn(|line| &frame.pixels[(row * CELL_PX + line) * frame.width..][..frame.width]);
-            let of_row = row * cells.columns..(row + 1) * cells.columns;
-            let (means, sigmas) = (&mut cells.mean[of_row.clone()], &mut cells.sigma[of_row.clone()]);
-            let (step_sigmas, maxima) = (&mut cells.step_sigma[of_row.clone()], &mut cells.max[of_row]);
-            for column in 0..means.len() {
-                let sums = CellSums::of(&lines, column * CELL_PX);
-                means[column] = sums.mean();
-                sigmas[column] = sums.variance();
-                step_sigmas[column] = sums.step_variance();
-                maxima[column] = sums.max;
-            }
-            for list in [sigmas, step_sigmas] {
-                list.iter_mut().for_each(|variance| *variance = variance.sqrt());
-            }
+/// Mean, standard deviation, noise and highest value of every cell, one pass over the frame; `sums_of` takes a cell's sums.
+#[inline(always)]
+fn gather(cells: &mut CellStatistics, frame: &Frame, sums_of: impl Fn(&Lines<'_>, usize) -> CellSums) {
+    for row in 0..cells.rows {
+        let lines = std::array::from_fn(|line| &frame.pixels[(row * CELL_PX + line) * frame.width..][..frame.width]);
+        let of_row = row * cells.columns..(row + 1) * cells.columns;
+        let (means, sigmas) = (&mut cells.mean[of_row.clone()], &mut cells.sigma[of_row.clone()]);
+        let (step_sigmas, maxima) = (&mut cells.step_sigma[of_row.clone()], &mut cells.max[of_row]);
+        for column in 0..means.len() {
+            let sums = sums_of(&lines, column * CELL_PX);
+            (means[column], sigmas[column], step_sigmas[column]) = (sums.mean, sums.variance, sums.step_variance);
+            maxima[column] = sums.max;
+        }
+        for list in [sigmas, step_sigmas] {
+            list.iter_mut().for_each(|variance| *variance = variance.sqrt());
         }
     }
+}
+
+/// As [`gather`], with the sums in the way that this processor does soonest.
+fn gather_soonest(cells: &mut CellStatistics, frame: &Frame) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2")]
+        fn with_avx2(cells: &mut CellStatistics, frame: &Frame) {
+            gather(cells, frame, |lines, x| CellSums::of_avx2(lines, x));
+        }
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // Measured on frames of 1536 × 1024 px: 0.2 ms instead of the 0.35 ms that the compiler's own vectors take.
+            #[allow(unsafe_code, reason = "code compiled for AVX2 is called where the processor has it")]
+            // SAFETY: the processor was just found to have AVX2, which is all that the call needs.
+            return unsafe { with_avx2(cells, frame) };
+        }
+    }
+    gather(cells, frame, CellSums::of);
 }
 
 /// The noise map, as a kernel.
@@ -242,90 +250,6 @@ impl Kernel for MapNoise<'_> {
     fn run(self) {
         self.0.map_noise();
     }
-}
-
-/// Sums over one cell, relative to its first pixel: they stay small, so that single precision keeps the variance's digits.
-struct CellSums {
-    first: f32,
-    sum: f32,
-    squares: f32,
-    /// Squared differences of each pixel and the one a row before.
-    step_squares: f32,
-    /// The last row less the first.
-    steps: f32,
-    max: u16,
-}
-
-impl CellSums {
-    /// Of the cell whose first column is `x`, in the rows of a band. All sums of its columns stay in registers.
-    #[inline(always)]
-    fn of(lines: &[&[u16]; CELL_PX], x: usize) -> Self {
-        let line = |y: usize| lines[y][x..].first_chunk::<CELL_PX>().unwrap_or(&[0; CELL_PX]);
-        let top = line(0).map(f32::from);
-        let first = top[0];
-        let (mut sum, mut squares, mut step_squares) = ([0f32; CELL_PX], [0f32; CELL_PX], [0f32; CELL_PX]);
-        for i in 0..CELL_PX {
-            let d = top[i] - first;
-            (sum[i], squares[i]) = (d, d * d);
-        }
-        let mut max = *line(0);
-        for y in 1..CELL_PX {
-            // Read twice rather than kept: one register more and a sum would be in memory.
-            let (before, row) = (line(y - 1), line(y));
-            for i in 0..CELL_PX {
-                let pixel = f32::from(row[i]);
-                let (d, step) = (pixel - first, pixel - f32::from(before[i]));
-                sum[i] += d;
-                squares[i] += d * d;
-                step_squares[i] += step * step;
-            }
-            for i in 0..CELL_PX {
-                max[i] = max[i].max(row[i]);
-            }
-        }
-        let mut steps = line(CELL_PX - 1).map(f32::from);
-        for i in 0..CELL_PX {
-            steps[i] -= top[i];
-        }
-        Self {
-            first,
-            sum: total(&sum),
-            squares: total(&squares),
-            step_squares: total(&step_squares),
-            steps: total(&steps),
-            max: max.into_iter().fold(0, u16::max),
-        }
-    }
-
-    #[inline(always)]
-    fn mean(&self) -> f32 {
-        self.first + self.sum * (1.0 / CELL_N)
-    }
-
-    #[inline(always)]
-    fn variance(&self) -> f32 {
-        (self.squares - self.sum * self.sum * (1.0 / CELL_N)).max(0.0) * (1.0 / (CELL_N - 1.0))
-    }
-
-    /// A difference has twice the variance of a pixel; a slope gives all differences a mean, which is taken off.
-    #[inline(always)]
-    fn step_variance(&self) -> f32 {
-        const STEPS: f32 = (CELL_PX * (CELL_PX - 1)) as f32;
-        (self.step_squares - self.steps * self.steps * (1.0 / STEPS)).max(0.0) * (0.5 / (STEPS - 1.0))
-    }
-}
-
-/// Pixels of a cell.
-const CELL_N: f32 = (CELL_PX * CELL_PX) as f32;
-
-/// The sum of sixteen numbers, always in the same order.
-#[inline(always)]
-fn total(values: &[f32; CELL_PX]) -> f32 {
-    let mut eight = [0f32; CELL_PX / 2];
-    for k in 0..CELL_PX / 2 {
-        eight[k] = values[k] + values[k + CELL_PX / 2];
-    }
-    ((eight[0] + eight[4]) + (eight[1] + eight[5])) + ((eight[2] + eight[6]) + (eight[3] + eight[7]))
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ use super::track::Region;
 use super::verify::{FrameGeometry, Hypothesis, PatternSource};
 use super::{Cause, FoundBy, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, Statistics, Stop, Watch};
 use crate::catalog::{Catalogue, Field, FieldKey};
-use crate::image::{CellStatistics, Frame, Mask, auto_level};
+use crate::image::{CellStatistics, Frame, LevelMeter, Mask};
 use crate::settings::Settings;
 use crate::sky::{CameraModel, DEG, HOUR, Mat3, Observer, RowOrder, Vec3};
 use crate::sources::{Finder, Look, SearchKernel, Source};
@@ -25,6 +25,7 @@ pub struct Solver {
     settings: Arc<Settings>,
     field: Option<Arc<Field>>,
     pub(super) cells: Arc<CellStatistics>,
+    levels: LevelMeter,
     pub(super) finder: Finder,
     /// Surveys on a second thread, where there are two.
     pub(super) second: Finder,
@@ -94,6 +95,7 @@ impl Solver {
             settings,
             field: None,
             cells: Arc::default(),
+            levels: LevelMeter::default(),
             finder: Finder::default(),
             second: Finder::default(),
             found: Vec::new(),
@@ -210,7 +212,8 @@ impl Solver {
         let cells = Arc::make_mut(&mut self.cells);
         cells.measure(frame, full_scale);
         let fraction = cells.saturated_px as f64 / frame.pixels.len().max(1) as f64;
-        let level = auto_level(frame);
+        // Beyond the last whole cell a pixel may be higher; it counts as the highest.
+        let level = self.levels.level(frame, cells.max.iter().copied().max().unwrap_or(u16::MAX));
         outcome.statistics = Some(Statistics {
             mean: cells.image_mean,
             noise: cells.image_noise,
