@@ -14,7 +14,7 @@ pub struct Field {
     pub platescale_range: (f64, f64),
     /// Every star.
     pub stars: FieldStars,
-    /// Triangles and pairs of the index stars.
+    /// Triangles of the index stars.
     pub triangles: TriangleIndex,
     /// Where the verification stars are.
     pub bitmap: SkyBitmap,
