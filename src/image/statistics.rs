@@ -49,6 +49,8 @@ pub struct CellStatistics {
     step_sigma: Vec<f32>,
     /// Local noise of each cell, ADU.
     noise: Vec<f32>,
+    /// Whether a cell, or one of its neighbours, has nothing but saturated pixels; empty where none has.
+    beside_clipped: Vec<bool>,
     /// Scratch for medians.
     sorted: Vec<f32>,
     noise_rows: NoiseRows,
@@ -79,9 +81,33 @@ impl CellStatistics {
             // Clipped pixels have no noise to tell of.
             self.step_sigma.iter_mut().zip(&self.max).filter(|(_, max)| **max >= level).for_each(|(s, _)| *s = f32::INFINITY);
         }
+        self.map_clipped();
         self.image_noise = self.median_noise();
         with_vectors(MapNoise(self));
         self.gain = self.lowest_gain();
+    }
+
+    /// Whether a position in file order lies on or at the border of a saturated area: what stands out there is the border.
+    pub fn is_beside_clipped(&self, x: usize, y: usize) -> bool {
+        let (cx, cy) = ((x / CELL_PX).min(self.columns.max(1) - 1), (y / CELL_PX).min(self.rows.max(1) - 1));
+        self.beside_clipped.get(cy * self.columns + cx).copied().unwrap_or(false)
+    }
+
+    fn map_clipped(&mut self) {
+        self.beside_clipped.clear();
+        let Some(level) = self.saturation.map(f32::from) else { return };
+        if self.mean.iter().all(|&mean| mean < level) {
+            return;
+        }
+        self.beside_clipped.resize(self.columns * self.rows, false);
+        for (at, _) in self.mean.iter().enumerate().filter(|(_, mean)| **mean >= level) {
+            let (cx, cy) = (at % self.columns, at / self.columns);
+            for y in cy.saturating_sub(1)..(cy + 2).min(self.rows) {
+                for x in cx.saturating_sub(1)..(cx + 2).min(self.columns) {
+                    self.beside_clipped[y * self.columns + x] = true;
+                }
+            }
+        }
     }
 
     /// Noise of a pixel around a position in file order, ADU: the third lowest of the nine cells around it, so that what a cell itself
@@ -271,6 +297,19 @@ mod tests {
         assert_eq!((cells.columns, cells.rows), (4, 3));
         assert!((cells.image_mean - 1000.0).abs() < 1e-4);
         assert!((cells.image_noise - 3.0 * (256.0f64 / 255.0).sqrt()).abs() < 1e-4);
+    }
+
+    #[test]
+    fn a_clipped_area_is_known_with_its_border_and_a_clipped_star_is_none() {
+        let mut cells = CellStatistics::default();
+        cells.measure(
+            &frame(160, 160, |x, y| if x < 40 || (x.abs_diff(120) < 8 && y.abs_diff(120) < 8) { 4095 } else { 1000 }),
+            Some(4095),
+        );
+        assert!(cells.is_beside_clipped(0, 0) && cells.is_beside_clipped(47, 80));
+        assert!(!cells.is_beside_clipped(48, 80) && !cells.is_beside_clipped(120, 120));
+        cells.measure(&frame(160, 160, |_, _| 1000), Some(4095));
+        assert!(!cells.is_beside_clipped(0, 0));
     }
 
     #[test]

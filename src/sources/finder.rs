@@ -39,9 +39,9 @@ pub struct Source {
 }
 
 impl Look<'_> {
-    /// Whether a sample of the picture halved `scale` times is masked.
-    pub(super) fn masked_at(&self, scale: usize) -> impl Fn(usize, usize) -> bool {
-        move |x, y| (self.masked)(x << scale, y << scale)
+    /// Whether a sample of the picture halved `scale` times is masked, or at the border of a saturated area.
+    pub(super) fn masked_at(&self, cells: &CellStatistics, scale: usize) -> impl Fn(usize, usize) -> bool {
+        move |x, y| (self.masked)(x << scale, y << scale) || cells.is_beside_clipped(x << scale, y << scale)
     }
 
     /// The rules for a search in a plane.
@@ -200,7 +200,7 @@ impl Finder {
         sources.clear();
         let kernel = SearchKernel::Sharp;
         let bin = 1usize << kernel.search_scale();
-        let masked = look.masked_at(kernel.search_scale());
+        let masked = look.masked_at(cells, kernel.search_scale());
         self.peaks.clear();
         self.peaks.extend(places.filter(|(x, y)| *x >= 0.0 && *y >= 0.0).map(|(x, y)| {
             let sample = |c: f64| (c + 0.5) as usize / bin;
@@ -261,7 +261,7 @@ impl Finder {
         let Some(plane) = self.halved.get(scale - 1) else { return true };
         let snr = look.settings.snr_threshold as f32 * kernel.taps().noise() / Taps::WIDE.noise();
         set_thresholds(cells, plane, 1 << scale, snr, &mut self.thresholds);
-        let masked = look.masked_at(scale);
+        let masked = look.masked_at(cells, scale);
         let rules = look.rules(kernel, plane, &self.thresholds, &masked);
         let whole = (kernel != SearchKernel::Sharp).then_some(&mut self.smooth);
         self.finder.find(plane, &rules, look.keep_on, whole, peaks)

@@ -63,7 +63,7 @@ impl Finder {
         let mut best: Option<Survey> = None;
         for direction in 0..trails::DIRECTIONS {
             let kernel = SearchKernel::Trail { scale, direction };
-            let peaks = self.find_trails(look, kernel, direction, round);
+            let peaks = self.find_trails(cells, look, kernel, direction, round);
             let trail = self.judged(frame, cells, look, kernel, peaks);
             if best.as_ref().is_none_or(|best| trail.score > best.score) {
                 best = Some(trail);
@@ -101,9 +101,16 @@ impl Finder {
     }
 
     /// The peaks along a direction, in the smoothed picture of the round kernel just searched with.
-    fn find_trails(&self, look: &Look<'_>, kernel: SearchKernel, direction: usize, round: &[Peak]) -> Vec<Peak> {
+    fn find_trails(
+        &self,
+        cells: &CellStatistics,
+        look: &Look<'_>,
+        kernel: SearchKernel,
+        direction: usize,
+        round: &[Peak],
+    ) -> Vec<Peak> {
         let thresholds: Vec<f32> = self.thresholds.iter().map(|threshold| trails::noise(direction) * threshold).collect();
-        let masked = look.masked_at(kernel.scale());
+        let masked = look.masked_at(cells, kernel.scale());
         let rules = PeakRules { per_cell: TRAILS_PER_CELL, ..look.rules(kernel, &self.smooth, &thresholds, &masked) };
         let mut peaks = Vec::new();
         trails::find(&self.smooth, &rules, round, direction, &mut peaks);
