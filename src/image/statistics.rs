@@ -308,7 +308,7 @@ mod tests {
         );
         assert!(cells.is_beside_clipped(0, 0) && cells.is_beside_clipped(47, 80));
         assert!(!cells.is_beside_clipped(48, 80) && !cells.is_beside_clipped(120, 120));
-        cells.measure(&frame(160, 160, |_, _| 1000), Some(4095));
+        cells.measure(&frame(160, 160, |x, _| 1000 + (x % 7) as u16), Some(4095));
         assert!(!cells.is_beside_clipped(0, 0));
     }
 
