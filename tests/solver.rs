@@ -181,6 +181,19 @@ fn a_stop_is_obeyed_at_whatever_point_it_comes() {
 }
 
 #[test]
+fn sharp_stars_that_a_wide_kernel_finds_are_measured_in_the_picture_itself() {
+    let mut solver = solver();
+    for index in 0..3 {
+        let frame = rendered(Kind::Float, index).frame;
+        let [normal, wide] = [solve(&mut solver, &frame), solver.solve_robust(&frame, &Prior::default(), &Unwatched)];
+        let sigma = |outcome: &Outcome| outcome.solution.as_ref().unwrap().covariance.diagonal().map(f64::sqrt);
+        // In a picture halved once a star's middle is less well known, and by so much are the middle and the turn of the field.
+        let times = sigma(&wide).component_div(&sigma(&normal));
+        assert!(times.iter().all(|times| *times < 1.2), "{index}: {times}");
+    }
+}
+
+#[test]
 fn two_threads_end_as_one_does_and_obey_a_stop() {
     let (mut one, mut two) = (solver(), solver_with(|s| s.solver.threads = 2));
     let kinds = [Kind::Float, Kind::Gradient, Kind::Defocus30, Kind::Motion, Kind::Motion, Kind::Saturated, Kind::NoStars];

@@ -443,7 +443,8 @@ impl Neighbourhood {
     }
 }
 
-/// The neighbours of each star within a chord, nearest first, that may be in a triangle with it; where there are more than fit a byte, the nearest.
+/// The neighbours of each star within a chord, nearest first, that may be in a triangle with it; where there are more than fit a byte,
+/// the nearest.
 fn find_neighbours(
     directions: &[Vec3],
     ranks: &[u8],

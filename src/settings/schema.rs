@@ -227,7 +227,7 @@ pub struct MatchingSettings {
     pub min_matched: u32,
     /// Greatest probability that a served solution is false, log10.
     pub max_false_probability_log10: f64,
-    /// Candidate attitudes that may be screened for one frame.
+    /// Candidate attitudes that may be screened for a list of sources; a frame's lists have parts of it.
     pub candidate_budget: u32,
 }
 

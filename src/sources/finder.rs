@@ -319,7 +319,7 @@ impl Finder {
         let kept = &mut self.kept;
         kept.clear();
         self.candidates.retain(|c| {
-            let of_cell = |p: &&Peak| p.x / cell == c.peak.x / cell && p.y / cell == c.peak.y / cell;
+            let of_cell = |p: &&Peak| p.cell(cell) == c.peak.cell(cell);
             let distance_sq = |p: &Peak| (p.x as f32 - c.peak.x as f32).powi(2) + (p.y as f32 - c.peak.y as f32).powi(2);
             let keep = kept.len() < most
                 && kept.iter().filter(of_cell).count() < per_cell

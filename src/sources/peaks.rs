@@ -25,6 +25,13 @@ pub struct Peak {
     pub height: f32,
 }
 
+impl Peak {
+    /// The cell of a side, samples, that it lies in: column and row.
+    pub fn cell(&self, side: usize) -> (usize, usize) {
+        (self.x / side, self.y / side)
+    }
+}
+
 /// Three taps along each axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Taps {
@@ -69,11 +76,6 @@ pub struct PeakRules<'a> {
 }
 
 impl PeakRules<'_> {
-    /// The cell that a peak lies in: column and row.
-    pub fn cell_of(&self, peak: &Peak) -> (usize, usize) {
-        (peak.x / self.cell, peak.y / self.cell)
-    }
-
     /// Thresholds of the blocks of row `y`.
     #[inline(always)]
     fn thresholds_of_row(&self, y: usize) -> &[f32] {

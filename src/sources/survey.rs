@@ -86,9 +86,8 @@ impl Finder {
     ) -> Survey {
         // Those of a cell come one after the other, the highest first.
         let cell = rules_cell(look.settings, kernel.search_scale());
-        let cell_of = |peak: &Peak| (peak.x / cell, peak.y / cell);
         self.peaks.clear();
-        for of_cell in peaks.chunk_by(|a, b| cell_of(a) == cell_of(b)) {
+        for of_cell in peaks.chunk_by(|a, b| a.cell(cell) == b.cell(cell)) {
             self.peaks.extend(of_cell.iter().take(JUDGED_PER_CELL));
         }
         self.measure_peaks(frame, cells, look, kernel);

@@ -52,7 +52,7 @@ pub fn find(smooth: &Plane, rules: &PeakRules<'_>, round: &[Peak], direction: us
         return;
     }
     let (columns, rows) = (border..smooth.width - border, border..smooth.height - border);
-    for of_cell in round.chunk_by(|a, b| rules.cell_of(a) == rules.cell_of(b)) {
+    for of_cell in round.chunk_by(|a, b| a.cell(rules.cell) == b.cell(rules.cell)) {
         let first = peaks.len();
         for start in of_cell.iter().take(ROUND_PER_CELL).filter(|p| columns.contains(&p.x) && rows.contains(&p.y)) {
             let peak = highest_beside(smooth, start, direction);

@@ -126,6 +126,16 @@ impl Stamp {
         self.weights.iter().map(|&w| f64::from(w) * f64::from(w)).sum::<f64>().sqrt()
     }
 
+    /// Adds a light of this flux, ADU, to an image of `columns` columns.
+    pub fn paint(&self, flux_adu: f64, light: &mut [f32], columns: usize) {
+        let flux = flux_adu as f32;
+        for (at, weight) in self.pixels(columns) {
+            if let Some(pixel) = light.get_mut(at) {
+                *pixel += flux * weight;
+            }
+        }
+    }
+
     /// Index in an image of `columns` columns, and weight, of each pixel.
     pub fn pixels(&self, columns: usize) -> impl Iterator<Item = (usize, f32)> {
         self.weights.chunks(self.width.max(1)).enumerate().flat_map(move |(row, weights)| {

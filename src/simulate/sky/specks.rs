@@ -27,11 +27,7 @@ pub(super) struct Speck {
 impl Speck {
     /// Adds its light, ADU, to an image of `width` columns.
     pub fn paint(&self, light: &mut [f32], width: usize) {
-        for (at, weight) in self.stamp.pixels(width) {
-            if let Some(pixel) = light.get_mut(at) {
-                *pixel += self.flux_adu as f32 * weight;
-            }
-        }
+        self.stamp.paint(self.flux_adu, light, width);
     }
 }
 

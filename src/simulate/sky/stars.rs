@@ -52,12 +52,7 @@ impl StarImage {
 
     /// Adds its light, ADU, to an image of `width` columns.
     pub fn paint(&self, light: &mut [f32], width: usize) {
-        let flux = self.flux_adu as f32;
-        for (at, weight) in self.stamp.pixels(width) {
-            if let Some(pixel) = light.get_mut(at) {
-                *pixel += flux * weight;
-            }
-        }
+        self.stamp.paint(self.flux_adu, light, width);
     }
 }
 
