@@ -20,7 +20,7 @@ import zlib
 
 SYNC = bytes([0x1A, 0xCF, 0xFC, 0x1D])
 MAX_FRAME = 64 * 1024
-VERSION_MIN = VERSION_CURRENT = 1
+VERSION_MIN = VERSION_CURRENT = 2
 PORT = 2017
 STATUS_PERIOD_S = 0.5
 SILENCE_S = 5.0
@@ -35,8 +35,10 @@ CODES = {
     "clock": ["unset", "free_running", "synchronised"],
     "command_refusal": [
         "not_in_charge", "stale", "replayed", "out_of_range", "busy", "not_armed", "unknown_command", "unsafe_state",
-        "not_authentic",
+        "not_authentic", "half_changed", "early", "wrong_boot", "not_available", "not_kept", "stopped", "device",
+        "program", "dialect",
     ],
+    "stage": ["accepted", "started", "completed", "rejected", "failed"],
     "reason": [
         "solved", "saturated", "too_bright", "no_contrast", "too_few_sources", "no_match", "undecided", "requirement",
         "timed_out", "aborted", "disabled", "skipped", "unreadable", "failed",
@@ -213,6 +215,26 @@ LAYOUTS = {
                 star_id ?I
             }
         }
+        lease_epoch ?I
+        armed_command ?B
+        armed_for_s d
+        commands_under_way B
+        authentication_required ?
+        authentication_key ?
+        counters_kept ?
+        refused 18I
+        settings_commanded H
+        replies_count B
+        replies 32{
+            serial I
+            flight_computer B
+            command B
+            counter I
+            stage B=stage
+            why ?B=command_refusal
+            reply_age_s d
+            words 64s
+        }
     """),
     5: ("gyro", """
         trigger_counter I
@@ -230,6 +252,24 @@ LAYOUTS = {
             az_rate_deg_s f
             el_rate_deg_s f
         }
+    """),
+    6: ("commands", """
+        sequence I
+        boot_id I
+        camera_boot_id I
+        lease_epoch I
+        last_update_sequence ?I
+        acknowledged I
+        slots_count B
+        slots 8{
+            command B
+            act B
+            counter I
+            age_s d
+            values 8d
+            seal I
+        }
+        tag ?32B
     """),
 }
 

@@ -35,6 +35,25 @@ pub trait Source: Send {
     ///
     /// See [`CameraError`]; after any of them the source may be asked again.
     fn next(&mut self, moment: &Moment) -> Result<Frame, CameraError>;
+
+    /// The gain that the camera has, dB.
+    ///
+    /// # Errors
+    ///
+    /// Where it has none that can be read.
+    fn gain(&mut self) -> Result<f64, CameraError> {
+        Err(CameraError::NoGain)
+    }
+
+    /// Sets the gain, dB; [`Self::gain`] tells what came of it.
+    ///
+    /// # Errors
+    ///
+    /// Where it has none that can be set, or refuses this one.
+    fn set_gain(&mut self, gain_db: f64) -> Result<(), CameraError> {
+        let _ = gain_db;
+        Err(CameraError::NoGain)
+    }
 }
 
 /// Why there is no frame.
@@ -51,6 +70,9 @@ pub enum CameraError {
         /// What is wrong.
         problem: String,
     },
+    /// The camera has no gain that can be read or set.
+    #[error("this camera has no gain")]
+    NoGain,
     /// No image can be had for now.
     #[error("{0}")]
     Unavailable(String),

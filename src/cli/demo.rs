@@ -78,6 +78,9 @@ fn demonstration(loaded: Loaded) -> Settings {
     if untouched("record.enabled") {
         settings.record.enabled = false;
     }
+    if untouched("commands.ledger_directory") {
+        settings.commands.ledger_directory = String::new();
+    }
     settings
 }
 
@@ -107,7 +110,9 @@ fn board_computer(id: u8, running: &Running, gondola: &Gondola) -> mpsc::Receive
     let mut computer = FlightComputer::new(id, running.clock.boot_id().wrapping_add(u32::from(id)));
     computer.claims_charge = id == COMPUTERS[0];
     computer.observer = Some(gondola.observer(running.clock.uptime()));
-    tokio::spawn(fly(computer, running.address.to_string(), RETRY, sender));
+    // Nobody on the ground commands it.
+    let (_, ground) = mpsc::channel(1);
+    tokio::spawn(fly(computer, running.address.to_string(), RETRY, ground, sender));
     sightings
 }
 
@@ -129,6 +134,7 @@ async fn show(
             Seen::Connected(_) => vec![format!("flight computer {id} connected")],
             Seen::Closed { reason, .. } => vec![format!("flight computer {id}: closed: {reason}")],
             Seen::Unreachable(reason) => vec![format!("flight computer {id}: no connection: {reason}")],
+            Seen::Reply(_) | Seen::Unanswered(_) | Seen::AllAnswered => Vec::new(),
         };
         lines.iter().try_for_each(|line| print(line))?;
     }

@@ -1,22 +1,27 @@
 //! `stars fcp`: a simulated flight computer, to see what a camera serves.
 
 use super::{ConfigArgs, NEGATIVE, print, within};
-use crate::service::{Clock, STATUS_PERIOD, Seen, Sighting, fly};
+use crate::command::{Act, Command, Definition, Hazard, Key, Stage};
+use crate::service::{Clock, STATUS_PERIOD, Seen, Sighting, fly, read_file};
 use crate::settings::parse_span;
 use crate::simulate::FlightComputer;
 use crate::sky::{DEG, HOUR, Observer};
-use crate::wire::{Equatorial, EquatorialEstimate, Hello, HorizontalEstimate, Image, Message, Update};
+use crate::wire::{CommandReply, Equatorial, EquatorialEstimate, Hello, HorizontalEstimate, Image, Message, Update};
 use anyhow::Context;
 use serde::Serialize;
 use serde_json::{Map, Value};
 use std::io::{Write, stderr};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
+use tokio::io::AsyncBufReadExt;
 use tokio::sync::mpsc;
 use tokio::time::Instant;
 
 /// Sightings that may wait to be printed; then the computer reads no more, and the camera sees a slow peer.
 const QUEUE: usize = 256;
+/// Longest script or key file, bytes.
+const LONGEST_SCRIPT: usize = 1 << 20;
 /// Time for the connection to be closed at the end.
 const LAST_WORD: Duration = Duration::from_millis(100);
 /// With `--updates`, this many attempts without ever a connection are enough to say that there is no camera.
@@ -29,8 +34,13 @@ Examples:
   stars fcp --id 1 --in-charge
   stars fcp --connect 192.168.1.6:2017 --id 2 --json --updates 1200 > ten-minutes.jsonl
   stars fcp --connect 127.0.0.1:2017 --id 1 --in-charge --latitude-deg=-77.5 --sidereal-time-h 8.1
-A value that begins with a minus needs the equals sign. SIGINT and SIGTERM end it cleanly. Exit code 1: with --updates, there
-was no camera in 4 attempts, or the duration ended first.")]
+  stars fcp --id 1 --in-charge --send 'lens.set_focus 3030' --send 'solver.configure 1 20'
+  stars fcp --id 1 --in-charge --send 'arm service.quit' --send 'fire service.quit'
+  stars fcp --commands                  every command with its values
+Commands are sent one after the other, each when the one before has had its last reply; nothing is sent before the link is up and
+the lease is held. Without --updates and --duration it ends when all of them are answered. A value that begins with a minus needs
+the equals sign. SIGINT and SIGTERM end it cleanly. Exit code 1: a command was rejected, failed or never answered; with --updates or
+commands, there was no camera in 4 attempts; with --updates, the duration ended first.")]
 pub struct Args {
     /// Camera to connect to, host:port [default: the setting network.listen]
     #[arg(long, value_name = "ADDR", value_parser = address)]
@@ -71,11 +81,61 @@ pub struct Args {
     /// Estimated declination of the boresight to send
     #[arg(long, value_name = "DEG", requires = "ra_deg", value_parser = |text: &str| within(text, -90.0, 90.0))]
     dec_deg: Option<f64>,
+    /// Command to send, such as 'lens.set_focus 3030'; 'arm …' and 'fire …' for a hazardous one. Repeatable
+    #[arg(long, value_name = "COMMAND", value_parser = order)]
+    send: Vec<Order>,
+    /// File with a command a line, '#' begins a comment; '-' for stdin, whose lines are sent as they come
+    #[arg(long, value_name = "FILE")]
+    script: Option<String>,
+    /// File with the key that this computer shares with the camera, 64 hexadecimal digits
+    #[arg(long, value_name = "FILE")]
+    key_file: Option<PathBuf>,
+    /// Print every command with its values, and end
+    #[arg(long)]
+    commands: bool,
     /// Number of the series of triggers that images belong to, to send
     #[arg(long, value_name = "N")]
     trigger: Option<u32>,
     #[command(flatten)]
     config: ConfigArgs,
+}
+
+/// A command and what is to be done with it.
+type Order = (Act, Command);
+
+/// A command as it is written, `arm` or `fire` before a hazardous one.
+fn order(text: &str) -> Result<Order, String> {
+    let text = text.trim();
+    let (act, rest) = match text.split_once(char::is_whitespace) {
+        Some(("arm", rest)) => (Act::Arm, rest),
+        Some(("fire", rest)) => (Act::Fire, rest),
+        _ => (Act::Run, text),
+    };
+    Command::parse(rest).map(|command| (act, command)).map_err(|error| error.to_string())
+}
+
+/// The command of a line of a script, where there is one.
+fn line_order(line: &str) -> Option<Result<Order, String>> {
+    let text = line.split('#').next().unwrap_or_default().trim();
+    (!text.is_empty()).then(|| order(text))
+}
+
+/// Every command with its values, a line each.
+fn command_list() -> String {
+    let line = |definition: &Definition| {
+        let armed = match definition.hazard {
+            Hazard::None => "",
+            Hazard::Always => "  [arm, then fire]",
+            Hazard::LargeMove => "  [arm, then fire, if the move is large]",
+        };
+        let absent = if definition.available { "" } else { "  [not available yet]" };
+        let values = definition.parameters.iter().map(|parameter| {
+            let unit = if parameter.unit.is_empty() { String::new() } else { format!(", {}", parameter.unit) };
+            format!("\n      {}: {}{unit}. {}", parameter.name, parameter.expected(), parameter.meaning)
+        });
+        format!("{}{armed}{absent}\n    {}{}", definition.usage(), definition.meaning, values.collect::<String>())
+    };
+    Definition::all().iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
 /// A host and a port, not yet looked up.
@@ -98,6 +158,10 @@ impl Args {
     /// # Errors
     /// Where the settings are wrong, the machine gives no runtime, or stdout cannot be written.
     pub fn run(self) -> anyhow::Result<ExitCode> {
+        if self.commands {
+            print(&command_list())?;
+            return Ok(ExitCode::SUCCESS);
+        }
         let listen = self.config.load()?.settings.network.listen;
         let camera = self.connect.clone().unwrap_or(listen);
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
@@ -106,8 +170,26 @@ impl Args {
 
     async fn watch(self, camera: String) -> anyhow::Result<ExitCode> {
         let (sender, mut sightings) = mpsc::channel(QUEUE);
-        let flight = tokio::spawn(fly(self.computer(), camera, self.retry, sender));
-        let mut log = Log::new(self.json, self.updates);
+        let (to_ground, ground) = mpsc::channel(QUEUE);
+        let orders = self.orders()?;
+        let commanding = !orders.is_empty() || self.script.is_some();
+        if commanding && !self.in_charge {
+            anyhow::bail!("commands are obeyed from the flight computer in charge alone: add --in-charge");
+        }
+        let from_stdin = self.script.as_deref() == Some("-");
+        let until_answered = commanding && !from_stdin && self.updates.is_none() && self.duration.is_none();
+        let flight = tokio::spawn(fly(self.computer()?, camera, self.retry, ground, sender));
+        tokio::spawn(async move {
+            for order in orders {
+                if to_ground.send(order).await.is_err() {
+                    return;
+                }
+            }
+            if from_stdin {
+                read_stdin(to_ground).await;
+            }
+        });
+        let mut log = Log { until_answered, id: self.id, ..Log::new(self.json, self.updates) };
         let end = tokio::select! {
             end = log.read(&mut sightings) => end?,
             () = interrupted() => End::Signal,
@@ -120,12 +202,27 @@ impl Args {
         Ok(match end {
             End::Unreachable => ExitCode::from(NEGATIVE),
             End::Duration if self.updates.is_some() => ExitCode::from(NEGATIVE),
-            End::Duration | End::Signal | End::Enough => ExitCode::SUCCESS,
+            _ if log.refused > 0 => ExitCode::from(NEGATIVE),
+            End::Duration | End::Signal | End::Enough | End::Answered => ExitCode::SUCCESS,
         })
     }
 
+    /// The commands of the options and of the script, in this order.
+    fn orders(&self) -> anyhow::Result<Vec<Order>> {
+        let mut orders = self.send.clone();
+        if let Some(name) = self.script.as_ref().filter(|name| *name != "-") {
+            let bytes = read_file(Path::new(name), LONGEST_SCRIPT, "a command a line")?;
+            for (number, line) in String::from_utf8_lossy(&bytes).lines().enumerate() {
+                if let Some(order) = line_order(line) {
+                    orders.push(order.map_err(|problem| anyhow::anyhow!("{name}:{}: {problem}", number + 1))?);
+                }
+            }
+        }
+        Ok(orders)
+    }
+
     /// The computer that the options describe.
-    fn computer(&self) -> FlightComputer {
+    fn computer(&self) -> anyhow::Result<FlightComputer> {
         let mut computer = FlightComputer::new(self.id, Clock::start().boot_id());
         let observer = self.latitude_deg.zip(self.sidereal_time_h);
         computer.claims_charge = self.in_charge;
@@ -133,7 +230,29 @@ impl Args {
         computer.horizontal = self.az_deg.zip(self.el_deg).map(|(az_deg, el_deg)| HorizontalEstimate { az_deg, el_deg });
         computer.equatorial = self.ra_deg.zip(self.dec_deg).map(|(ra_deg, dec_deg)| EquatorialEstimate { ra_deg, dec_deg });
         computer.trigger = self.trigger;
-        computer
+        if let Some(path) = &self.key_file {
+            let text = read_file(path, LONGEST_SCRIPT, "a key")?;
+            let key = Key::parse(&String::from_utf8_lossy(&text));
+            computer.key = Some(key.with_context(|| path.display().to_string())?);
+        }
+        Ok(computer)
+    }
+}
+
+/// Sends the commands that come on stdin; one that is none is told and passed over.
+async fn read_stdin(ground: mpsc::Sender<Order>) {
+    let mut lines = tokio::io::BufReader::new(tokio::io::stdin()).lines();
+    while let Ok(Some(line)) = lines.next_line().await {
+        match line_order(&line) {
+            None => {}
+            Some(Ok(order)) => {
+                if ground.send(order).await.is_err() {
+                    return;
+                }
+            }
+            // Nobody is left to tell where even stderr is closed.
+            Some(Err(problem)) => drop(writeln!(stderr(), "stars: stdin: {problem}")),
+        }
     }
 }
 
@@ -164,6 +283,8 @@ enum End {
     Duration,
     /// A signal.
     Signal,
+    /// Every command was answered.
+    Answered,
 }
 
 /// One line of JSON.
@@ -185,6 +306,12 @@ struct Log {
     connected: bool,
     last_update: Option<Instant>,
     longest: Duration,
+    /// End when every command has had its last reply.
+    until_answered: bool,
+    /// Commands of this computer that were rejected, failed or never answered.
+    refused: u32,
+    /// Which computer this is.
+    id: u8,
 }
 
 impl Log {
@@ -198,6 +325,9 @@ impl Log {
             connected: false,
             last_update: None,
             longest: Duration::ZERO,
+            until_answered: false,
+            refused: 0,
+            id: 0,
         }
     }
 
@@ -231,6 +361,22 @@ impl Log {
                     return Ok(Some(End::Enough));
                 }
             }
+            Seen::Reply(reply) => {
+                let last_and_bad = matches!(reply.stage.get(), Some(Stage::Rejected | Stage::Failed));
+                self.refused += u32::from(last_and_bad && reply.flight_computer == self.id);
+                self.line(sighting.at, "command", reply_fields(reply)?, || reply_line(reply))?;
+            }
+            Seen::Unanswered(given) => {
+                self.refused += 1;
+                let fields = serde_json::json!({
+                    "name": given.command.name(), "command": given.command.to_string(), "counter": given.counter, "stage": null,
+                    "reason": "not answered",
+                });
+                let fields = fields.as_object().cloned().unwrap_or_default();
+                self.line(sighting.at, "command", fields, || format!("command {}: not answered", given.command))?;
+            }
+            Seen::AllAnswered if self.until_answered => return Ok(Some(End::Answered)),
+            Seen::AllAnswered => {}
             Seen::Closed { reason, refusal } => {
                 let mut fields = self.summary(reason);
                 fields.insert("refusal".to_owned(), serde_json::to_value(refusal)?);
@@ -240,7 +386,7 @@ impl Log {
                 self.failures += 1;
                 // Nobody is left to tell where even stderr is closed.
                 let _ = writeln!(stderr(), "stars: no connection: {reason}");
-                if self.wanted.is_some() && !self.connected && self.failures >= ATTEMPTS {
+                if (self.wanted.is_some() || self.until_answered) && !self.connected && self.failures >= ATTEMPTS {
                     return Ok(Some(End::Unreachable));
                 }
             }
@@ -255,6 +401,7 @@ impl Log {
             End::Duration => "end of the duration",
             End::Signal => "interrupted",
             End::Unreachable => "no camera",
+            End::Answered => "all commands answered",
         };
         if !self.connected {
             return Ok(());
@@ -280,6 +427,29 @@ impl Log {
             print(&format!("{t_s:9.3}  {}", words()))
         }
     }
+}
+
+/// A stage of a command, as `stars fcp --json` prints it.
+fn reply_fields(reply: &CommandReply) -> anyhow::Result<Map<String, Value>> {
+    let name = Definition::of_code(reply.command).map(|definition| definition.name);
+    let fields = serde_json::json!({
+        "serial": reply.serial.get(),
+        "flight_computer": reply.flight_computer,
+        "name": name,
+        "counter": reply.counter.get(),
+        "stage": serde_json::to_value(reply.stage.get())?,
+        "reason": serde_json::to_value(reply.why.value())?,
+        "words": reply.words.to_string(),
+        "age_s": reply.reply_age_s,
+    });
+    Ok(fields.as_object().cloned().unwrap_or_default())
+}
+
+fn reply_line(reply: &CommandReply) -> String {
+    let name = Definition::of_code(reply.command).map_or("block", |definition| definition.name);
+    let stage = reply.stage.get().map_or_else(String::new, |stage| format!("{stage:?}").to_lowercase());
+    let why = reply.why.value().map_or_else(String::new, |why| format!(" ({why:?})"));
+    format!("command {name} #{} of {}: {stage}{why} {}", reply.counter.get(), reply.flight_computer, reply.words)
 }
 
 fn hello_line(hello: &Hello) -> String {
@@ -330,7 +500,7 @@ mod tests {
     #[test]
     fn the_options_make_the_computer_that_they_describe() {
         let words = ["--connect", "localhost:2017", "--id", "2", "--in-charge", "--latitude-deg=-77.5", "--sidereal-time-h", "6"];
-        let computer = args(&words).unwrap().computer();
+        let computer = args(&words).unwrap().computer().unwrap();
         assert!(computer.id == 2 && computer.claims_charge && computer.horizontal.is_none());
         let observer = computer.observer.unwrap();
         assert!((observer.latitude / DEG + 77.5).abs() < 1e-12 && (observer.sidereal_time / HOUR - 6.0).abs() < 1e-12);

@@ -43,7 +43,11 @@ impl Args {
         let ended = runtime.block_on(async {
             let stop = stop_signal()?;
             let running = service::start(settings).await?;
-            let why = until(stop, self.duration).await;
+            let mut state = running.state.clone();
+            let why = tokio::select! {
+                why = until(stop, self.duration) => why,
+                Ok(_) = state.wait_for(|state| state.ending.is_some()) => "a command",
+            };
             tracing::info!(why, "stopping");
             anyhow::Ok(end(running).await)
         });

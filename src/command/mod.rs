@@ -1,8 +1,29 @@
-//! The command room: who may command, and what was asked.
+//! The command room: who may command, what may be asked, and what came of it.
 //!
-//! Uses nothing of the other rooms. Its public face is the arbitration [`InCharge`]: a plain state machine, to which time
-//! comes with each event.
+//! A command block goes through here in this order: [`InCharge`] says who holds the lease, [`Guard`] which commands of the block
+//! are true ones, [`Desk`] hands them out and keeps the replies; [`Definition`] says what commands there are.
+//!
+//! Plain state machines, to which time comes with each event. Uses the settings, which some commands change.
 
+mod apply;
+mod authentic;
+mod checks;
+mod desk;
+mod dictionary;
+mod guard;
 mod in_charge;
+#[cfg(test)]
+mod model;
+mod reply;
+#[cfg(test)]
+mod tests;
+mod value;
 
-pub use in_charge::{Decision, Event, FlightComputer, Holder, InCharge, Tick};
+pub use apply::{apply, assignments};
+pub use authentic::{KEY_BYTES, Key, KeyError, TAG_BYTES};
+pub use desk::{ARMED, CommandCounts, Desk, Focus, OrderNumber, Step, UNDER_WAY};
+pub use dictionary::{Command, CommandError, Definition, Hazard, MAX_VALUES};
+pub use guard::{Act, Authenticity, Guard, Memory, Order, Sender, Situation, Slot, Verdict};
+pub use in_charge::{BootId, Decision, Epoch, Event, FlightComputer, InCharge, LASTING, LEASE, Lease, Tick, UNREST};
+pub use reply::{REPLIES, Refusal, Replies, Reply, Stage};
+pub use value::{Parameter, Shape, ShowFocus, Value};

@@ -2,10 +2,12 @@
 
 use super::clock::{Clock, utc_now};
 use super::hub::{self, ToHub};
+use super::inbox::Inbox;
 use super::solver::{self, Captured};
 use super::state::{CameraState, Finished, State};
 use super::supervisor::{Ended, panic_message, panic_text};
 use crate::camera::{CameraError, Moment, Source};
+use crate::command::OrderNumber;
 use crate::image::{Frame, ImageCounter, Stamp};
 use crate::settings::Settings;
 use crate::solve::{Outcome, Reason};
@@ -13,12 +15,24 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
 use tokio::time::{Instant, MissedTickBehavior};
 use tokio_util::sync::CancellationToken;
 
 /// Makes a source; blocking. The error says why there is none for now.
 pub type MakeSource = Arc<dyn Fn() -> Result<Box<dyn Source>, String> + Send + Sync>;
+
+/// What the camera is asked for besides frames.
+#[derive(Debug)]
+pub enum ToCamera {
+    /// Its gain.
+    GetGain(OrderNumber),
+    /// To set its gain, dB.
+    SetGain(OrderNumber, f64),
+}
+
+/// Where requests to the camera go.
+pub type Handle = mpsc::Sender<ToCamera>;
 
 /// The camera's actor.
 #[derive(Clone)]
@@ -33,7 +47,9 @@ pub struct CameraActor {
     pub numbers: Arc<AtomicU32>,
     /// The newest state, for what is known of the pointing at a capture.
     pub state: watch::Receiver<Arc<State>>,
-    /// The settings in force.
+    /// What it is asked for besides frames.
+    pub inbox: Inbox<ToCamera>,
+    /// The settings of the start; the camera's own do not change.
     pub settings: Arc<Settings>,
     /// The service's clock.
     pub clock: Clock,
@@ -55,14 +71,37 @@ impl CameraActor {
         let mut schedule = tokio::time::interval_at(first.max(Instant::now()), Duration::from_secs_f64(camera.period_s));
         schedule.set_missed_tick_behavior(MissedTickBehavior::Skip);
         let mut source = None;
+        let mut inbox = self.inbox.open().await;
         loop {
             tokio::select! {
                 biased;
                 () = self.stop.cancelled() => return Ok(()),
-                _ = schedule.tick() => {}
+                Some(request) = inbox.recv() => source = self.answer(source.take(), request).await?,
+                _ = schedule.tick() => source = self.take_one(source.take()).await?,
             }
-            source = self.take_one(source.take()).await?;
         }
+    }
+
+    /// Does what is asked of the camera's gain, and reads it back.
+    async fn answer(&self, source: Option<Box<dyn Source>>, request: ToCamera) -> Result<Option<Box<dyn Source>>, Ended> {
+        let make = Arc::clone(&self.make);
+        let (number, wanted) = match request {
+            ToCamera::GetGain(number) => (number, None),
+            ToCamera::SetGain(number, gain_db) => (number, Some(gain_db)),
+        };
+        let job = tokio::task::spawn_blocking(move || {
+            let mut source = match source.map_or_else(|| make(), Ok) {
+                Ok(source) => source,
+                Err(why) => return (None, Err(why)),
+            };
+            let set = wanted.map_or(Ok(()), |gain_db| source.set_gain(gain_db));
+            let gain = set.and_then(|()| source.gain()).map_err(|error| error.to_string());
+            (Some(source), gain)
+        });
+        let Some(answer) = self.stop.run_until_cancelled(job).await else { return Ok(None) };
+        let (source, result) = answer.map_err(|error| Ended(panic_message(error)))?;
+        self.hub.tell(ToHub::Gain { number, result }).await;
+        Ok(source)
     }
 
     /// Takes one frame on its way; gives the source back. When it is to end, a source that is slow is left behind; a frame that
@@ -80,7 +119,7 @@ impl CameraActor {
             Ok(mut frame) => {
                 self.number(image, &state, &mut frame.stamp).await;
                 self.tell(&state, CameraState::Working).await;
-                let prior = state.prior(at, &self.settings.observer);
+                let prior = state.prior(at, &state.settings.observer);
                 let captured = Captured { frame: Arc::new(frame), at, prior };
                 self.solver.send(captured).await.map_err(|_| Ended("the solver's inbox is gone".to_owned()))?;
             }

@@ -3,7 +3,7 @@
 //! `FramedRead` gives the buffer 8 KiB at a time and hands it over after each read, so that it never holds more than one frame
 //! of 64 KiB and one read. After an error the stream ends, which is what a session wants: it is closed and the peer comes back.
 
-use crate::wire::{Message, Reader, WireError};
+use crate::wire::{Message, PROTOCOL_CURRENT, Reader, WireError};
 use bytes::BytesMut;
 use tokio_util::codec::{Decoder, Encoder};
 
@@ -19,12 +19,24 @@ pub enum LinkError {
 }
 
 /// Messages over a byte stream.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Codec {
     reader: Reader,
+    version: u8,
+}
+
+impl Default for Codec {
+    fn default() -> Self {
+        Self { reader: Reader::default(), version: PROTOCOL_CURRENT }
+    }
 }
 
 impl Codec {
+    /// Sends in this version from now on: the one that the hellos agreed upon.
+    pub fn speak(&mut self, version: u8) {
+        self.version = version;
+    }
+
     /// Values received that were out of range and are not known therefore.
     pub fn values_withheld(&self) -> u32 {
         self.reader.values_withheld
@@ -53,7 +65,7 @@ impl Encoder<&Message> for Codec {
     type Error = LinkError;
 
     fn encode(&mut self, message: &Message, out: &mut BytesMut) -> Result<(), LinkError> {
-        Ok(message.encode(out)?)
+        Ok(message.encode_in(self.version, out)?)
     }
 }
 

@@ -3,8 +3,9 @@
 
 use super::clock::{Clock, utc_now};
 use super::codec::{Codec, LinkError};
-use crate::simulate::FlightComputer;
-use crate::wire::{Hello, Message, Refusal, Refuse, Update};
+use crate::command::{Act, Command};
+use crate::simulate::{FlightComputer, Given};
+use crate::wire::{CommandReply, Hello, Message, Refusal, Refuse, Update};
 use futures_util::{SinkExt, StreamExt};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadHalf, WriteHalf};
@@ -25,6 +26,12 @@ pub enum Seen {
     Connected(Box<Hello>),
     /// An update.
     Update(Box<Update>),
+    /// A stage that a command reached, this computer's own or another's.
+    Reply(Box<CommandReply>),
+    /// A command that was never answered.
+    Unanswered(Given),
+    /// Every command that was given has had its last word.
+    AllAnswered,
     /// A connection on which hellos were exchanged, or that was refused, ended.
     Closed {
         /// Why, in words.
@@ -46,8 +53,15 @@ pub struct Sighting {
 }
 
 /// Flies a simulated flight computer: connects to `address` (`host:port`), and again `retry` after each end, until nobody takes
-/// the sightings any more. While they are not taken it does not read, as a slow computer would.
-pub async fn fly(mut computer: FlightComputer, address: String, retry: Duration, sightings: mpsc::Sender<Sighting>) {
+/// the sightings any more. While they are not taken it does not read, as a slow computer would. It relays the commands of `ground`
+/// one after the other, whenever it is in charge.
+pub async fn fly(
+    mut computer: FlightComputer,
+    address: String,
+    retry: Duration,
+    mut ground: mpsc::Receiver<(Act, Command)>,
+    sightings: mpsc::Sender<Sighting>,
+) {
     let clock = Clock::start();
     loop {
         let seen = match timeout(SILENCE, TcpStream::connect(&address)).await {
@@ -56,7 +70,7 @@ pub async fn fly(mut computer: FlightComputer, address: String, retry: Duration,
             Ok(Ok(stream)) => {
                 // Without it a status may wait for the acknowledgement of the one before. Where it cannot be set, it waits.
                 let _ = stream.set_nodelay(true);
-                match Link::new(stream, &sightings).serve(&mut computer, clock).await {
+                match Link::new(stream, &sightings).serve(&mut computer, &mut ground, clock).await {
                     End::Gone => return,
                     End::Closed(reason) => Seen::Closed { reason, refusal: None },
                     End::Refused(refuse) => Seen::Closed { reason: refuse.detail.to_string(), refusal: refuse.refusal.get() },
@@ -96,19 +110,20 @@ struct Link<'a, S> {
     from: FramedRead<ReadHalf<S>, Codec>,
     to: FramedWrite<WriteHalf<S>, Codec>,
     sightings: &'a mpsc::Sender<Sighting>,
+    version: u8,
 }
 
 impl<'a, S: AsyncRead + AsyncWrite> Link<'a, S> {
     fn new(stream: S, sightings: &'a mpsc::Sender<Sighting>) -> Self {
         let (from, to) = tokio::io::split(stream);
-        Self { from: FramedRead::new(from, Codec::default()), to: FramedWrite::new(to, Codec::default()), sightings }
+        Self { from: FramedRead::new(from, Codec::default()), to: FramedWrite::new(to, Codec::default()), sightings, version: 1 }
     }
 
-    async fn serve(mut self, computer: &mut FlightComputer, clock: Clock) -> End {
+    async fn serve(mut self, computer: &mut FlightComputer, ground: &mut mpsc::Receiver<(Act, Command)>, clock: Clock) -> End {
         let hello = computer.connect();
         match self.greet(hello).await {
             Err(end) => end,
-            Ok(()) => match self.converse(computer, clock).await {
+            Ok(()) => match self.converse(computer, ground, clock).await {
                 Err(end) => end,
                 Ok(never) => match never {},
             },
@@ -122,7 +137,11 @@ impl<'a, S: AsyncRead + AsyncWrite> Link<'a, S> {
         let first = timeout(SILENCE, self.from.next()).await.map_err(|_| silent())?;
         match received(first)? {
             Message::Hello(theirs) => match ours.agree(&theirs) {
-                Ok(_) => self.report(Seen::Connected(theirs)).await,
+                Ok(version) => {
+                    self.version = version;
+                    self.to.encoder_mut().speak(version);
+                    self.report(Seen::Connected(theirs)).await
+                }
                 Err(refuse) => {
                     let reason = refuse.detail.to_string();
                     self.send(&Message::Refuse(Box::new(refuse))).await?;
@@ -135,7 +154,12 @@ impl<'a, S: AsyncRead + AsyncWrite> Link<'a, S> {
     }
 
     /// Statuses one way and updates the other, until the connection ends.
-    async fn converse(&mut self, computer: &mut FlightComputer, clock: Clock) -> Result<std::convert::Infallible, End> {
+    async fn converse(
+        &mut self,
+        computer: &mut FlightComputer,
+        ground: &mut mpsc::Receiver<(Act, Command)>,
+        clock: Clock,
+    ) -> Result<std::convert::Infallible, End> {
         let mut schedule = interval(STATUS_PERIOD);
         schedule.set_missed_tick_behavior(MissedTickBehavior::Skip);
         let mut heard = Instant::now();
@@ -144,13 +168,28 @@ impl<'a, S: AsyncRead + AsyncWrite> Link<'a, S> {
                 _ = schedule.tick() => {
                     let status = computer.status(clock.uptime(), utc_now());
                     self.send(&Message::Status(Box::new(status))).await?;
+                    let before = computer.unanswered();
+                    let (block, given_up) = computer.block(clock.uptime());
+                    if self.version > 1 {
+                        self.send(&Message::Commands(Box::new(block))).await?;
+                    }
+                    if let Some(given) = given_up {
+                        self.report(Seen::Unanswered(given)).await?;
+                    }
+                    self.all_answered(before, computer).await?;
                 }
+                Some((act, command)) = ground.recv() => computer.relay(act, command),
                 next = self.from.next() => {
                     heard = Instant::now();
                     match received(next)? {
                         Message::Update(update) => {
-                            computer.on_update(&update);
+                            let before = computer.unanswered();
+                            let replies = computer.on_update(&update);
                             self.report(Seen::Update(update)).await?;
+                            for reply in replies {
+                                self.report(Seen::Reply(Box::new(reply))).await?;
+                            }
+                            self.all_answered(before, computer).await?;
                         }
                         Message::Refuse(refuse) => return Err(End::Refused(refuse)),
                         other => return Err(End::Closed(format!("{:?} from the camera", other.kind()))),
@@ -160,6 +199,11 @@ impl<'a, S: AsyncRead + AsyncWrite> Link<'a, S> {
                 () = self.sightings.closed() => return Err(End::Gone),
             }
         }
+    }
+
+    /// Reports that the last command had its last word.
+    async fn all_answered(&mut self, before: usize, computer: &FlightComputer) -> Result<(), End> {
+        if before > 0 && computer.unanswered() == 0 { self.report(Seen::AllAnswered).await } else { Ok(()) }
     }
 
     async fn send(&mut self, message: &Message) -> Result<(), End> {
@@ -211,9 +255,9 @@ mod tests {
         let (near, far) = tokio::io::duplex(1 << 16);
         let (from, to) = tokio::io::split(far);
         let camera = camera(Camera { from: FramedRead::new(from, Codec::default()), to: FramedWrite::new(to, Codec::default()) });
-        let (sightings, mut seen) = mpsc::channel(64);
+        let ((sightings, mut seen), (_, mut ground)) = (mpsc::channel(64), mpsc::channel(1));
         let mut computer = FlightComputer::new(1, 7);
-        let (end, _camera) = tokio::join!(Link::new(near, &sightings).serve(&mut computer, Clock::start()), camera);
+        let (end, _camera) = tokio::join!(Link::new(near, &sightings).serve(&mut computer, &mut ground, Clock::start()), camera);
         drop(sightings);
         let mut all = Vec::new();
         while let Some(sighting) = seen.recv().await {
@@ -237,6 +281,7 @@ mod tests {
             let start = Instant::now();
             for count in 0..8u32 {
                 let Message::Status(status) = camera.receive().await else { panic!("no status") };
+                assert_eq!(camera.receive().await.kind(), Kind::Commands);
                 assert_eq!(start.elapsed().as_millis(), u128::from(count) * 500);
                 assert_eq!((status.sequence.get(), status.updates_received.get()), (count, count));
                 // Late by 200 ms, which moves nothing.
@@ -306,7 +351,8 @@ mod tests {
         let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap().to_string();
         let (sightings, mut seen) = mpsc::channel(8);
-        let flight = tokio::spawn(fly(FlightComputer::new(1, 7), address, Duration::from_millis(10), sightings));
+        let flight =
+            tokio::spawn(fly(FlightComputer::new(1, 7), address, Duration::from_millis(10), mpsc::channel(1).1, sightings));
         for _ in 0..2 {
             let (stream, _) = listener.accept().await.unwrap();
             drop(stream);

@@ -1,16 +1,22 @@
 //! The hub: the one owner of what is true now. It takes what the others tell, and publishes an immutable [`State`].
 
+use super::camera;
 use super::clock::Clock;
 use super::inbox::Inbox;
+use super::ledger::{self, Keep};
 use super::recorder;
 use super::session::Closed;
 use super::state::{Actor, CameraState, Finished, Peer, Readiness, State};
 use super::supervisor::Ended;
-use crate::command::{Decision, Event, FlightComputer};
+use crate::command::{
+    Authenticity, BootId, Decision, Event, FlightComputer, OrderNumber, Refusal, Sender, Situation, Stage, Step, Tick, Verdict,
+};
 use crate::image::ImageCounter;
+use crate::settings::Settings;
 use crate::solve::Reason;
-use crate::wire::Status;
+use crate::wire::{Commands, Status};
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
@@ -37,6 +43,8 @@ pub enum ToHub {
         computer: FlightComputer,
         /// The number of the connection.
         connection: u64,
+        /// The boot that its hello names.
+        boot: BootId,
     },
     /// A flight computer sent its status.
     Status {
@@ -48,6 +56,42 @@ pub enum ToHub {
         status: Box<Status>,
         /// When it came.
         at: Instant,
+        /// Whether it shows that our updates arrive there.
+        hears_us: bool,
+    },
+    /// A flight computer sent a block of commands.
+    Commands {
+        /// Who.
+        computer: FlightComputer,
+        /// The number of the connection.
+        connection: u64,
+        /// What it says.
+        block: Box<Commands>,
+        /// How long it can have been on its way.
+        delay: Duration,
+        /// Whether it shows the key.
+        authenticity: Authenticity,
+    },
+    /// The counter of an order is on disk, or could not be brought there.
+    Kept {
+        /// The order.
+        number: OrderNumber,
+        /// The problem, where there was one.
+        kept: Result<(), String>,
+    },
+    /// A program that an order ran has ended.
+    Program {
+        /// The order.
+        number: OrderNumber,
+        /// The problem, where there was one.
+        result: Result<(), String>,
+    },
+    /// What came of a request for the camera's gain, dB.
+    Gain {
+        /// The order.
+        number: OrderNumber,
+        /// The gain, or why it is not known.
+        result: Result<f64, String>,
     },
     /// A connection ended.
     Closed {
@@ -100,6 +144,16 @@ pub struct Hub {
     pub recorder: Option<recorder::Handle>,
     /// The time that the arbitration counts in.
     pub clock: Clock,
+    /// Where counters are kept; `None` where they are not.
+    pub ledger: Option<ledger::Handle>,
+    /// Where requests to the camera go; `None` where there is none.
+    pub camera: Option<camera::Handle>,
+    /// Counts the wishes that the frame that is being solved be given up.
+    pub abort_solver: watch::Sender<u32>,
+    /// The settings of the start.
+    pub initial: Arc<Settings>,
+    /// Its own inbox, for what it spawns.
+    pub own: Handle,
     /// When to end.
     pub stop: CancellationToken,
 }
@@ -141,8 +195,26 @@ impl Hub {
             ToHub::Readiness(_) => {}
             ToHub::Solving(image) => state.solving = image,
             ToHub::Finished(finished) => self.take_outcome(state, Arc::from(finished)),
-            ToHub::Connected { computer, connection } => self.take_connection(state, computer, connection),
-            ToHub::Status { computer, connection, status, at } => self.take_status(state, computer, connection, status, at),
+            ToHub::Connected { computer, connection, boot } => self.take_connection(state, computer, connection, boot),
+            ToHub::Status { computer, connection, status, at, hears_us } => {
+                if state.is_current(computer, connection) {
+                    self.take_status(state, computer, status, at, hears_us);
+                }
+            }
+            ToHub::Commands { computer, connection, block, delay, authenticity } => {
+                if state.is_current(computer, connection) {
+                    self.take_block(state, computer, &block, delay, authenticity);
+                }
+            }
+            ToHub::Kept { number, kept } => self.take_kept(state, number, kept),
+            ToHub::Program { number, result } => {
+                self.take_result(state, number, result.map(|()| String::new()).map_err(|why| (Refusal::Program, why)))
+            }
+            ToHub::Gain { number, result } => {
+                state.camera_gain = result.as_ref().ok().copied();
+                let words = result.map(|gain_db| format!("{gain_db} dB"));
+                self.take_result(state, number, words.map_err(|why| (Refusal::Device, why)));
+            }
             ToHub::Closed { connection, why } => {
                 let count = counters.closed.entry(why).or_default();
                 *count = count.saturating_add(1);
@@ -184,28 +256,92 @@ impl Hub {
         }
     }
 
-    fn take_connection(&self, state: &mut State, computer: FlightComputer, connection: u64) {
+    fn take_connection(&self, state: &mut State, computer: FlightComputer, connection: u64, boot: BootId) {
         if state.has_replaced(computer, connection) {
             return; // It was overtaken by a later connection of the same computer, and will see that itself.
         }
         let now = Instant::now();
         state.peers.retain(|peer| peer.computer != computer);
-        state.peers.push(Peer { computer, connection, connected: now, status: None });
-        self.arbitrate(state, Event::Connected(computer), now);
+        state.peers.push(Peer { computer, boot, connection, connected: now, status: None });
+        state.desk.replies.forget(computer);
+        self.arbitrate(state, Event::Connected { computer, boot }, now);
     }
 
-    fn take_status(&self, state: &mut State, computer: FlightComputer, connection: u64, status: Box<Status>, at: Instant) {
-        let known = state.peers.iter_mut().find(|peer| peer.computer == computer && peer.connection == connection);
-        let Some(peer) = known else { return };
+    fn take_status(&self, state: &mut State, computer: FlightComputer, status: Box<Status>, at: Instant, hears_us: bool) {
+        let Some(peer) = state.peers.iter_mut().find(|peer| peer.computer == computer) else { return };
         let claims = status.claims_charge;
+        let uptime = Duration::try_from_secs_f64(status.uptime_s).ok();
         let observer = status.observer();
         peer.status = Some((Arc::from(status), at));
-        self.arbitrate(state, Event::Status { from: computer, claims }, Instant::now());
-        if state.in_charge().is_some_and(|holder| holder.computer == computer)
+        self.arbitrate(state, Event::Status { from: computer, claims, uptime, hears_us }, Instant::now());
+        if state.in_charge().is_some_and(|lease| lease.computer == computer)
             && let Some(observer) = observer
         {
             state.observer = Some((observer, at));
         }
+    }
+
+    /// A block of commands: the guard judges it, and what it lets through is kept before it is done.
+    fn take_block(
+        &self,
+        state: &mut State,
+        computer: FlightComputer,
+        block: &Commands,
+        delay: Duration,
+        authenticity: Authenticity,
+    ) {
+        let Some(boot) = state.peers.iter().find(|peer| peer.computer == computer).map(|peer| peer.boot) else { return };
+        let now = self.clock.uptime();
+        state.desk.replies.acknowledge(computer, block.acknowledged.get());
+        let block_boot = BootId(block.boot_id.get());
+        let sender = Sender { computer, boot, block_boot, under: Some(block.under()), delay, authenticity };
+        let situation = Situation {
+            lease: state.in_charge(),
+            ours: BootId(self.clock.boot_id()),
+            window_s: state.settings.commands.window_s,
+        };
+        for verdict in state.guard.on(&sender, &situation, &block.slots()) {
+            if let Verdict::Refused { code, counter, why, detail } = &verdict {
+                tracing::debug!(computer = computer.0, code, counter, ?why, detail, "command refused");
+            }
+            let step = state.desk.take(now, computer, verdict, state.focus());
+            self.follow(state, now, step);
+        }
+    }
+
+    /// Takes the next step of an order.
+    fn follow(&self, state: &mut State, now: Tick, step: Option<Step>) {
+        match step {
+            None => {}
+            Some(Step::Do(number, command)) => self.carry_out(state, now, number, command),
+            Some(Step::Keep(number)) => {
+                let memory = state.guard.memory().clone();
+                match self.ledger.as_ref().map(|ledger| ledger.try_send(Keep { number, memory })) {
+                    Some(Ok(())) => {}
+                    Some(Err(_)) => self.take_kept(state, number, Err("the disk is behind".to_owned())),
+                    None => self.take_kept(state, number, Ok(())),
+                }
+            }
+        }
+    }
+
+    fn take_kept(&self, state: &mut State, number: OrderNumber, kept: Result<(), String>) {
+        let now = self.clock.uptime();
+        state.counters_kept = kept.is_ok() && self.ledger.is_some();
+        if let Err(problem) = &kept {
+            tracing::error!(problem, "the counters of commands cannot be kept");
+        }
+        let step = state.desk.kept(now, number, kept);
+        self.follow(state, now, step);
+    }
+
+    /// The result of an order that took its time.
+    fn take_result(&self, state: &mut State, number: OrderNumber, result: Result<String, (Refusal, String)>) {
+        let (stage, why, words) = match result {
+            Ok(words) => (Stage::Completed, None, words),
+            Err((why, words)) => (Stage::Failed, Some(why), words),
+        };
+        state.desk.report(self.clock.uptime(), number, stage, why, words);
     }
 
     fn take_end(&self, state: &mut State, connection: u64) {
@@ -216,11 +352,17 @@ impl Hub {
     }
 
     fn arbitrate(&self, state: &mut State, event: Event, now: Instant) {
+        let before = state.in_charge();
         match state.charge.on(self.clock.tick(now), event) {
             Decision::Unchanged | Decision::Stranger(_) => {}
-            Decision::Granted(to) => tracing::info!(to = to.0, "in charge"),
-            Decision::Moved { from, to } => tracing::info!(from = from.0, to = to.0, "charge went over"),
+            Decision::Granted(to) => tracing::info!(to = to.computer.0, epoch = to.epoch.0, "in charge"),
+            Decision::Moved { from, to } => {
+                tracing::info!(from = from.0, to = to.computer.0, epoch = to.epoch.0, "charge went over")
+            }
             Decision::Ended { from, lapsed } => tracing::info!(from = from.0, lapsed, "nobody is in charge"),
+        }
+        if before != state.in_charge() {
+            state.desk.disarm();
         }
     }
 }
@@ -250,15 +392,28 @@ fn log_outcome(finished: &Finished) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::command::Guard;
     use crate::image::Stamp;
-    use crate::service::{Simulated, inbox};
+    use crate::service::inbox;
     use crate::solve::Outcome;
     use std::time::Duration;
 
-    fn hub(inbox: Inbox<ToHub>) -> (Hub, watch::Receiver<Arc<State>>) {
-        let (publish, state) = watch::channel(Arc::new(State::new(Simulated { camera: false, lens: false })));
-        let stop = CancellationToken::new();
-        (Hub { inbox, state: Arc::new(publish), recorder: None, clock: Clock::start(), stop }, state)
+    fn hub(own: mpsc::Sender<ToHub>, inbox: Inbox<ToHub>) -> (Hub, watch::Receiver<Arc<State>>) {
+        let settings = Arc::new(Settings::flight().unwrap());
+        let (publish, state) = watch::channel(Arc::new(State::new(Arc::clone(&settings), Guard::default())));
+        let hub = Hub {
+            inbox,
+            state: Arc::new(publish),
+            recorder: None,
+            clock: Clock::start(),
+            ledger: None,
+            camera: None,
+            abort_solver: watch::channel(0).0,
+            initial: settings,
+            own: Handle::new(own),
+            stop: CancellationToken::new(),
+        };
+        (hub, state)
     }
 
     fn finished(image: u32, reason: Reason) -> ToHub {
@@ -269,7 +424,7 @@ mod tests {
     #[tokio::test]
     async fn a_hub_that_is_started_again_goes_on_from_what_was_published() {
         let (sender, inbox) = inbox::channel(8);
-        let (hub, state) = hub(inbox);
+        let (hub, state) = hub(sender.clone(), inbox);
         sender.send(ToHub::Captured { next: ImageCounter(4) }).await.unwrap();
         sender.send(finished(3, Reason::NoMatch)).await.unwrap();
         let first = tokio::spawn(hub.clone().run());
@@ -286,7 +441,7 @@ mod tests {
     #[tokio::test]
     async fn a_skipped_frame_is_counted_and_does_not_hide_the_last_outcome() {
         let (sender, inbox) = inbox::channel(8);
-        let (hub, state) = hub(inbox);
+        let (hub, state) = hub(sender.clone(), inbox);
         tokio::spawn(hub.run());
         sender.send(finished(3, Reason::NoMatch)).await.unwrap();
         sender.send(finished(4, Reason::Skipped)).await.unwrap();
@@ -297,20 +452,23 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn the_end_of_an_old_connection_does_not_touch_the_new_one() {
         let (sender, inbox) = inbox::channel(8);
-        let (hub, state) = hub(inbox);
+        let (hub, state) = hub(sender.clone(), inbox);
         tokio::spawn(hub.run());
         let computer = FlightComputer(1);
         let status = Status { claims_charge: true, ..Status::default() };
-        let said = |connection| ToHub::Status { computer, connection, status: Box::new(status), at: Instant::now() };
-        let old = [ToHub::Connected { computer, connection: 1 }, said(1), ToHub::Connected { computer, connection: 2 }];
+        let said =
+            |connection| ToHub::Status { computer, connection, status: Box::new(status), at: Instant::now(), hears_us: true };
+        let connected = |connection| ToHub::Connected { computer, connection, boot: BootId(9) };
+        let old = [connected(1), said(1), connected(2)];
         let late = [said(2), said(1), ToHub::Closed { connection: 1, why: Closed::Replaced }];
-        for message in old.into_iter().chain(late).chain([ToHub::Connected { computer, connection: 1 }]) {
+        for message in old.into_iter().chain(late).chain([connected(1)]) {
             sender.send(message).await.unwrap();
         }
-        tokio::time::sleep(Duration::from_millis(1)).await;
+        // A claim that came back after a break must last before it counts.
+        tokio::time::sleep(crate::command::LASTING + Duration::from_millis(1)).await;
         let now = Arc::clone(&*state.borrow());
         assert_eq!(now.peers.len(), 1);
         assert_eq!(now.peers[0].connection, 2);
-        assert_eq!(now.in_charge().map(|holder| holder.computer), Some(computer));
+        assert_eq!(now.in_charge().map(|lease| lease.computer), Some(computer));
     }
 }

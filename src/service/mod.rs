@@ -8,8 +8,11 @@
 //! | camera → solver | a captured frame and its prior | 2 | the camera waits; the solver always takes: its newest frame waits, the one that it replaces ends as `skipped` |
 //! | camera → hub | image numbers, unreadable images | 64, shared | the sender waits; the hub awaits nobody, so that this is short |
 //! | solver → hub | outcomes, readiness | the same | as above |
-//! | session → hub | connections, statuses | the same | as above: this one peer is read later; its updates go on |
+//! | session → hub | connections, statuses, commands | the same | as above: this one peer is read later; its updates go on |
 //! | recorder, supervisor → hub | what was kept, lost, started again | the same | as above; the supervisor drops the count |
+//! | hub → camera | requests for its gain | 4 | the command fails as `busy` |
+//! | hub → ledger | counters of commands | 32 | the command fails as `not_kept` |
+//! | ledger, programs → hub | what was kept, what came of it | 64, shared | the sender waits |
 //! | hub → recorder | outcomes | 64 | counted as lost; the recorder always takes: beyond `record.queue_frames` the oldest is lost and counted |
 //! | hub → everybody | [`State`] | the newest | replaced |
 //! | session → TCP | updates | 32 KiB of the kernel | the session waits up to `network.silence_s`, skipping its ticks, then closes |
@@ -25,7 +28,10 @@ mod flight_computer;
 mod hub;
 mod inbox;
 mod index;
+mod keys;
+mod ledger;
 mod listener;
+mod orders;
 mod parts;
 mod recorder;
 mod session;
@@ -43,12 +49,15 @@ pub use index::{IndexOrigin, Prepared, prepare};
 pub use parts::{Parts, PartsError, Stars, load_bad_pixels, load_catalogue};
 pub use session::Closed;
 pub use solver::{MakeSolver, Solve};
-pub use state::{Actor, CameraState, Counters, Finished, Peer, Readiness, Simulated, State};
+pub use state::{Actor, CameraState, Counters, Ending, Finished, Peer, Readiness, Simulated, State};
 
+use crate::command::{Guard, Memory, UNDER_WAY};
 use crate::settings::Settings;
 use crate::wire::{Hello, Role};
 use camera::CameraActor;
 use hub::Hub;
+use keys::Keys;
+use ledger::{Ledger, LedgerActor};
 use listener::Listener;
 use recorder::Recorder;
 use session::{Shared, Strangers};
@@ -70,6 +79,8 @@ use tracing::{Instrument, Span};
 const HUB_INBOX: usize = 64;
 /// Frames that may wait for the solver's actor, which takes them at once.
 const SOLVER_INBOX: usize = 2;
+/// Requests that may wait for the camera's actor, which is with a frame for a second at most.
+const CAMERA_INBOX: usize = 4;
 /// Outcomes that may wait for the recorder's actor, which takes them at once.
 const RECORDER_INBOX: usize = 64;
 /// Time that each stage gets to end: four of them stay under 2 s.
@@ -91,6 +102,17 @@ pub enum StartError {
     /// A part cannot be had.
     #[error(transparent)]
     Parts(#[from] PartsError),
+    /// The ledger of commands cannot be had.
+    #[error("commands.ledger_directory = \"{directory}\": {error}")]
+    Ledger {
+        /// The directory of the settings.
+        directory: String,
+        /// Why not.
+        error: std::io::Error,
+    },
+    /// A key cannot be had; in words, with the setting and the file.
+    #[error("{0}")]
+    Key(String),
     /// Not an address.
     #[error("network.peers: \"{0}\" is no IP address")]
     Peer(String),
@@ -164,11 +186,17 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
     let allowed = addresses(&settings.network.peers)?;
     let clock = Clock::start();
     let simulated = Simulated::of(&settings);
-    let (publish, state) = watch::channel(Arc::new(State::new(simulated)));
+    let keys = Keys::read(&settings.commands).map_err(StartError::Key)?;
+    let (ledger, memory) = open_ledger(&settings.commands.ledger_directory)?;
+    let at_start = State { counters_kept: ledger.is_some(), ..State::new(Arc::clone(&settings), Guard::new(memory)) };
+    let (publish, state) = watch::channel(Arc::new(at_start));
     let [edges, solving, owning, keeping] = std::array::from_fn(|_| Stage::default());
     let (to_hub, hub_inbox) = inbox::channel(HUB_INBOX);
     let (to_solver, solver_inbox) = inbox::channel(SOLVER_INBOX);
     let (to_recorder, recorder_inbox) = inbox::channel(RECORDER_INBOX);
+    let (to_ledger, ledger_inbox) = inbox::channel(UNDER_WAY);
+    let (to_camera, camera_inbox) = inbox::channel(CAMERA_INBOX);
+    let (abort_solver, abort) = watch::channel(0);
     let hub = hub::Handle::new(to_hub);
     let backoff = Backoff::new(&settings.service);
     let span = if simulated.any() { tracing::info_span!("simulated") } else { Span::none() };
@@ -186,7 +214,17 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
         };
         watchman.keep(&keeping, Actor::Recorder, move || recorder.clone().run());
     }
+    let keeps_counters = ledger.is_some();
+    if let Some(ledger) = ledger {
+        let actor = LedgerActor { inbox: ledger_inbox, hub: hub.clone(), ledger, stop: keeping.stop.clone() };
+        watchman.keep(&keeping, Actor::Ledger, move || actor.clone().run());
+    }
     let owner = Hub {
+        ledger: keeps_counters.then_some(to_ledger),
+        camera: parts.camera.is_some().then_some(to_camera),
+        abort_solver,
+        initial: Arc::clone(&settings),
+        own: hub.clone(),
         inbox: hub_inbox,
         state: Arc::new(publish),
         recorder: settings.record.enabled.then_some(to_recorder),
@@ -198,8 +236,8 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
         inbox: solver_inbox,
         hub: hub.clone(),
         make: parts.solver,
-        tracking: settings.solver.tracking.clone(),
-        timeout: Duration::from_secs_f64(settings.solver.timeout_s),
+        state: state.clone(),
+        abort,
         stop: solving.stop.clone(),
     };
     watchman.keep(&solving, Actor::Solver, move || solver.clone().run());
@@ -209,6 +247,7 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
         clock,
         state: state.clone(),
         hub: hub.clone(),
+        keys,
         strangers: Strangers::default(),
         stop: edges.stop.clone(),
     });
@@ -227,6 +266,7 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
             make,
             solver: to_solver,
             hub,
+            inbox: camera_inbox,
             numbers: Arc::new(AtomicU32::new(0)),
             state: state.clone(),
             settings,
@@ -237,6 +277,19 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
     }
     let stages = [("camera or connections", edges), ("solver", solving), ("hub", owning), ("recorder", keeping)];
     Ok(Running { address, state, clock, listener, stages })
+}
+
+/// The ledger of counters, and what it remembers; none where the settings name no directory.
+fn open_ledger(directory: &str) -> Result<(Option<Ledger>, Memory), StartError> {
+    if directory.is_empty() {
+        return Ok((None, Memory::default()));
+    }
+    let opened = Ledger::open(Path::new(directory));
+    let (ledger, memory, complaints) = opened.map_err(|error| StartError::Ledger { directory: directory.to_owned(), error })?;
+    complaints
+        .iter()
+        .for_each(|complaint| tracing::error!(complaint, "the ledger of commands is damaged; the other copy is used"));
+    Ok((Some(ledger), memory))
 }
 
 /// What the camera says of itself to whoever connects.

@@ -80,6 +80,14 @@ impl<S: Source> Source for Mended<S> {
         self.bad_pixels.apply(&mut frame.pixels, frame.width, frame.height);
         Ok(frame)
     }
+
+    fn gain(&mut self) -> Result<f64, CameraError> {
+        self.source.gain()
+    }
+
+    fn set_gain(&mut self, gain_db: f64) -> Result<(), CameraError> {
+        self.source.set_gain(gain_db)
+    }
 }
 
 fn mended<S: Source + 'static>(
@@ -132,6 +140,12 @@ impl Solve for Solver {
 
     fn report(&self, outcome: &Outcome) -> Report {
         Report::new(outcome, self.catalogue())
+    }
+
+    fn adopt(&mut self, settings: &Arc<Settings>) {
+        if !Arc::ptr_eq(self.settings(), settings) {
+            self.set_settings(Arc::clone(settings));
+        }
     }
 }
 

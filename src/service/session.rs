@@ -1,19 +1,20 @@
 //! A session: one connection of a flight computer.
 //!
 //! After the hellos it does two things that do not wait for each other: it sends the newest state every
-//! `network.update_period_s` on a steady schedule, and reads statuses. Whatever goes wrong ends this session alone, with a
+//! `network.update_period_s` on a steady schedule, and reads statuses and blocks of commands. Whatever goes wrong ends this session alone, with a
 //! reason that is counted and logged, and with a last message that says it where the peer still listens.
 
 use super::clock::Clock;
 use super::codec::{Codec, LinkError};
 use super::hub::{self, ToHub};
+use super::keys::Keys;
 use super::state::State;
 use super::update::{self, LinkRecord};
-use crate::command::FlightComputer;
+use crate::command::{BootId, FlightComputer, LEASE};
 use crate::settings::Settings;
 use crate::wire::{Hello, Message, Refusal, Refuse};
 use futures_util::{SinkExt, StreamExt};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadHalf, WriteHalf};
@@ -61,6 +62,8 @@ pub struct Shared {
     pub state: watch::Receiver<Arc<State>>,
     /// Whom to tell what peers say.
     pub hub: hub::Handle,
+    /// The keys of flight computers.
+    pub keys: Keys,
     /// Who has not said hello yet.
     pub strangers: Strangers,
     /// When to end.
@@ -131,7 +134,10 @@ impl<S: AsyncRead + AsyncWrite> Session<S> {
         self.shared.strangers.leave(self.connection);
         let why = match greeted {
             Err(why) => why,
-            Ok(computer) => self.converse(computer).await,
+            Ok((computer, version)) => {
+                self.to.encoder_mut().speak(version);
+                self.converse(computer).await
+            }
         };
         self.say_why(why).await;
         self.shared.hub.tell(ToHub::Closed { connection: self.connection, why }).await;
@@ -139,7 +145,7 @@ impl<S: AsyncRead + AsyncWrite> Session<S> {
     }
 
     /// The hellos: ours at once, then theirs. Who it is, where both fit together.
-    async fn greet(&mut self) -> Result<FlightComputer, Closed> {
+    async fn greet(&mut self) -> Result<(FlightComputer, u8), Closed> {
         let silence = self.shared.silence();
         let hello = Message::Hello(Box::new(self.shared.hello));
         send(&mut self.to, &hello, silence).await?;
@@ -148,15 +154,18 @@ impl<S: AsyncRead + AsyncWrite> Session<S> {
             Ok(first) => received(first)?,
         };
         let agreed = match &theirs {
-            Message::Hello(theirs) => self.shared.hello.agree(theirs).map(|_| FlightComputer(theirs.id)),
+            Message::Hello(theirs) => {
+                let who = (FlightComputer(theirs.id), BootId(theirs.boot_id.get()));
+                self.shared.hello.agree(theirs).map(|version| (who, version))
+            }
             _ => Err(Refuse::new(Refusal::NotAHello, "the first message must be a hello")),
         };
         match agreed {
-            Ok(computer) => {
+            Ok(((computer, boot), version)) => {
                 let connection = self.connection;
-                tracing::info!(computer = computer.0, connection, "flight computer connected");
-                self.shared.hub.tell(ToHub::Connected { computer, connection }).await;
-                Ok(computer)
+                tracing::info!(computer = computer.0, connection, version, "flight computer connected");
+                self.shared.hub.tell(ToHub::Connected { computer, connection, boot }).await;
+                Ok((computer, version))
             }
             Err(refuse) => {
                 tracing::warn!(connection = self.connection, why = %refuse.detail, "refused");
@@ -169,14 +178,15 @@ impl<S: AsyncRead + AsyncWrite> Session<S> {
     /// Updates one way and statuses the other, until either ends or a newer connection takes this one's place.
     async fn converse(&mut self, computer: FlightComputer) -> Closed {
         let (record, seen) = watch::channel(LinkRecord::default());
+        let sent = Sent::default();
         let mut state = self.shared.state.clone();
         let connection = self.connection;
         tokio::select! {
             biased;
             () = self.shared.stop.cancelled() => Closed::Stopping,
             _ = state.wait_for(|state| state.has_replaced(computer, connection)) => Closed::Replaced,
-            why = write(&mut self.to, computer, &self.shared, seen) => why,
-            why = read(&mut self.from, computer, connection, &self.shared, record) => why,
+            why = write(&mut self.to, computer, &self.shared, seen, &sent) => why,
+            why = read(&mut self.from, computer, connection, &self.shared, record, &sent) => why,
         }
     }
 
@@ -210,6 +220,7 @@ async fn write<W: AsyncWrite>(
     computer: FlightComputer,
     shared: &Shared,
     record: watch::Receiver<LinkRecord>,
+    sent: &Sent,
 ) -> Closed {
     let mut schedule = tokio::time::interval(shared.period());
     schedule.set_missed_tick_behavior(MissedTickBehavior::Skip);
@@ -218,10 +229,36 @@ async fn write<W: AsyncWrite>(
         schedule.tick().await;
         let state = Arc::clone(&shared.state.borrow());
         let update = update::compose(&state, shared, computer, sequence, *record.borrow());
+        sent.note(sequence, Instant::now());
         if let Err(why) = send(to, &Message::Update(Box::new(update)), shared.silence()).await {
             return why;
         }
         sequence = sequence.wrapping_add(1);
+    }
+}
+
+/// When the last updates of a connection were sent: what a peer says of them shows whether it hears us, and how old what it says
+/// can be.
+#[derive(Debug, Default)]
+struct Sent(Mutex<VecDeque<(u32, Instant)>>);
+
+/// Updates that are remembered: of half a minute.
+const SENT: usize = 64;
+
+impl Sent {
+    fn note(&self, sequence: u32, now: Instant) {
+        let mut sent = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if sent.len() >= SENT {
+            sent.pop_front();
+        }
+        sent.push_back((sequence, now));
+    }
+
+    /// Time since an update was sent; as long as can be where that was too long ago, or never.
+    fn age(&self, sequence: Option<u32>, now: Instant) -> Duration {
+        let sent = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let at = sent.iter().find(|(number, _)| Some(*number) == sequence).map(|(_, at)| *at);
+        at.map_or(Duration::MAX, |at| now.saturating_duration_since(at))
     }
 }
 
@@ -232,6 +269,7 @@ async fn read<R: AsyncRead>(
     connection: u64,
     shared: &Shared,
     record: watch::Sender<LinkRecord>,
+    sent: &Sent,
 ) -> Closed {
     let mut since = Instant::now();
     let mut messages: u32 = 0;
@@ -255,7 +293,15 @@ async fn read<R: AsyncRead>(
         match message {
             Message::Status(status) => {
                 record.send_modify(|record| record.note(&status, at, withheld));
-                shared.hub.tell(ToHub::Status { computer, connection, status, at }).await;
+                let heard = status.last_update_sequence.get().map(|sequence| sequence.get());
+                // One that does not say what it hears is believed to hear.
+                let hears_us = heard.is_none() || sent.age(heard, at) <= LEASE;
+                shared.hub.tell(ToHub::Status { computer, connection, status, at, hears_us }).await;
+            }
+            Message::Commands(block) => {
+                let delay = sent.age(block.last_update_sequence.get().map(|sequence| sequence.get()), at);
+                let authenticity = shared.keys.judge(computer, &block);
+                shared.hub.tell(ToHub::Commands { computer, connection, block, delay, authenticity }).await;
             }
             Message::Gyro(_) => tracing::debug!(computer = computer.0, "gyro rates are not used yet"),
             Message::Refuse(refuse) => {

@@ -6,14 +6,14 @@
 
 use super::hub::{self, ToHub};
 use super::inbox::Inbox;
-use super::state::{Finished, Readiness};
+use super::state::{Finished, Readiness, State};
 use super::supervisor::{Ended, panic_message};
 use crate::image::Frame;
-use crate::settings::TrackingSettings;
+use crate::settings::Settings;
 use crate::solve::{Outcome, Prior, Reason, Report, Stop, Tracker, Watch};
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
@@ -27,6 +27,10 @@ pub trait Solve: Send + 'static {
     fn solve(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome;
     /// The outcome in the units of the outside, stars named.
     fn report(&self, outcome: &Outcome) -> Report;
+    /// Takes other settings from the next frame on; a stand-in has none.
+    fn adopt(&mut self, settings: &Arc<Settings>) {
+        let _ = settings;
+    }
 }
 
 /// Makes a solver, ready for frames; blocking, and slow the first time. The error says why frames can't be solved.
@@ -55,10 +59,10 @@ pub struct SolverActor {
     pub hub: hub::Handle,
     /// Makes a solver.
     pub make: MakeSolver,
-    /// How frames are tracked.
-    pub tracking: TrackingSettings,
-    /// A frame older than this is given up.
-    pub timeout: Duration,
+    /// The newest state, for the settings in force.
+    pub state: watch::Receiver<Arc<State>>,
+    /// Counts the wishes that the frame that is being solved be given up.
+    pub abort: watch::Receiver<u32>,
     /// When to end; the frame that is being solved ends as `aborted`.
     pub stop: CancellationToken,
 }
@@ -92,7 +96,7 @@ impl SolverActor {
                 && let Some(mut captured) = waiting.take()
             {
                 let at = captured.at.saturating_duration_since(first);
-                captured.prior = tracker.prior(at, captured.prior, &self.tracking);
+                captured.prior = tracker.prior(at, captured.prior, &self.settings().solver.tracking);
                 self.hub.tell(ToHub::Solving(Some(captured.frame.stamp.image))).await;
                 job = Some(self.start(solver.take(), Some(captured)));
             }
@@ -102,7 +106,7 @@ impl SolverActor {
                     job = None;
                     if let Some((_, Ok(Done { finished: Some(finished), .. }))) = &ended {
                         let at = finished.captured.saturating_duration_since(first);
-                        tracker.learn(at, &finished.outcome, &self.tracking);
+                        tracker.learn(at, &finished.outcome, &self.settings().solver.tracking);
                     }
                     solver = self.settle(ended).await;
                 }
@@ -119,13 +123,20 @@ impl SolverActor {
         }
     }
 
+    fn settings(&self) -> Arc<Settings> {
+        Arc::clone(&self.state.borrow().settings)
+    }
+
     /// Puts a frame, or the making of a solver, on the blocking pool.
     fn start(&self, solver: Option<Box<dyn Solve>>, captured: Option<Captured>) -> Job {
         let now = Instant::now();
-        let deadline = captured.as_ref().map_or(now, |captured| captured.at) + self.timeout;
-        let watch = JobWatch { started: now, deadline, stop: self.stop.clone() };
+        let settings = self.settings();
+        let timeout = Duration::from_secs_f64(settings.solver.timeout_s);
+        let deadline = captured.as_ref().map_or(now, |captured| captured.at) + timeout;
+        let (abort, aborts) = (self.abort.clone(), *self.abort.borrow());
+        let watch = JobWatch { started: now, deadline, stop: self.stop.clone(), abort, aborts };
         let (make, theirs) = (Arc::clone(&self.make), captured.clone());
-        let handle = tokio::task::spawn_blocking(move || work(solver, &make, theirs, &watch));
+        let handle = tokio::task::spawn_blocking(move || work(solver, &make, theirs, &watch, &settings));
         Job { captured, hangs_at: deadline.max(now) + GRACE, handle }
     }
 
@@ -178,8 +189,17 @@ async fn finish(job: &mut Option<Job>) -> Option<(Option<Captured>, Result<Done,
 }
 
 /// The job itself, on the blocking pool.
-fn work(solver: Option<Box<dyn Solve>>, make: &MakeSolver, captured: Option<Captured>, watch: &JobWatch) -> Done {
+fn work(
+    solver: Option<Box<dyn Solve>>,
+    make: &MakeSolver,
+    captured: Option<Captured>,
+    watch: &JobWatch,
+    settings: &Arc<Settings>,
+) -> Done {
     let mut solver = solver.map_or_else(|| make(), Ok);
+    if let Ok(solver) = &mut solver {
+        solver.adopt(settings);
+    }
     let finished = captured.map(|Captured { frame, at, prior }| match &mut solver {
         Ok(solver) => {
             let outcome = solver.solve(&frame, &prior, watch);
@@ -195,6 +215,9 @@ struct JobWatch {
     started: Instant,
     deadline: Instant,
     stop: CancellationToken,
+    abort: watch::Receiver<u32>,
+    /// The wishes to give a frame up that there were before this one.
+    aborts: u32,
 }
 
 impl Watch for JobWatch {
@@ -203,6 +226,10 @@ impl Watch for JobWatch {
     }
 
     fn stop(&self) -> Option<Stop> {
-        if self.stop.is_cancelled() { Some(Stop::Aborted) } else { (Instant::now() >= self.deadline).then_some(Stop::TimedOut) }
+        if self.stop.is_cancelled() || *self.abort.borrow() != self.aborts {
+            Some(Stop::Aborted)
+        } else {
+            (Instant::now() >= self.deadline).then_some(Stop::TimedOut)
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! The state: one immutable snapshot of all that is true now. The hub alone makes it; everybody else reads the newest.
 
 use super::session::Closed;
-use crate::command::{FlightComputer, Holder, InCharge};
+use crate::command::{BootId, Desk, FlightComputer, Focus, Guard, InCharge, Lease};
 use crate::image::{ImageCounter, TriggerCounter};
 use crate::settings::{CameraKind, LensKind, ObserverSettings, Settings};
 use crate::sky::Observer;
@@ -28,10 +28,33 @@ pub struct State {
     pub peers: Vec<Peer>,
     /// Who is in charge.
     pub charge: InCharge,
+    /// Which commands have been seen.
+    pub guard: Guard,
+    /// The orders under way, and what came of the others.
+    pub desk: Desk,
+    /// Whether the counters of commands survive a restart.
+    pub counters_kept: bool,
+    /// The settings in force: those of the start, and what commands made of them.
+    pub settings: Arc<Settings>,
+    /// CRC-32 of them.
+    pub settings_hash: u32,
+    /// How many of them commands have changed.
+    pub settings_commanded: u16,
+    /// The camera's gain, dB; known only while no change of it is under way.
+    pub camera_gain: Option<f64>,
+    /// Set where the program is to end.
+    pub ending: Option<Ending>,
     /// The observer as a flight computer in charge last sent it, and when.
     pub observer: Option<(Observer, Instant)>,
     /// What happened since the start.
     pub counters: Counters,
+}
+
+/// Why the program is to end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// A command said so.
+    Commanded,
 }
 
 /// Which parts of the instrument are simulated.
@@ -81,6 +104,8 @@ pub enum CameraState {
 pub struct Peer {
     /// Who.
     pub computer: FlightComputer,
+    /// Which start of its program it is.
+    pub boot: BootId,
     /// The number of its connection: a later one is higher.
     pub connection: u64,
     /// When it connected.
@@ -122,6 +147,7 @@ pub enum Actor {
     Solver,
     Hub,
     Recorder,
+    Ledger,
     Listener,
     Session,
 }
@@ -147,23 +173,48 @@ impl Finished {
 
 impl State {
     /// The state at the start.
-    pub fn new(simulated: Simulated) -> Self {
+    pub fn new(settings: Arc<Settings>, guard: Guard) -> Self {
         Self {
-            simulated,
+            simulated: Simulated::of(&settings),
             readiness: Readiness::Starting,
             camera: CameraState::Idle,
             solving: None,
             latest: None,
             peers: Vec::new(),
             charge: InCharge::default(),
+            guard,
+            desk: Desk::default(),
+            counters_kept: false,
+            settings_hash: settings.fingerprint() as u32,
+            settings,
+            settings_commanded: 0,
+            camera_gain: None,
+            ending: None,
             observer: None,
             counters: Counters::default(),
         }
     }
 
-    /// The flight computer in charge, and since when.
-    pub fn in_charge(&self) -> Option<Holder> {
-        self.charge.holder()
+    /// Who may command.
+    pub fn in_charge(&self) -> Option<Lease> {
+        self.charge.lease()
+    }
+
+    /// Whether a connection is the one that its flight computer has now.
+    pub fn is_current(&self, computer: FlightComputer, connection: u64) -> bool {
+        self.peers.iter().any(|peer| peer.computer == computer && peer.connection == connection)
+    }
+
+    /// Where the focus is, to tell a large move.
+    pub fn focus(&self) -> Focus {
+        Focus { position: None, large_move: self.settings.lens.large_move_counts }
+    }
+
+    /// Puts other settings in force.
+    pub fn adopt(&mut self, settings: Arc<Settings>, initial: &Settings) {
+        self.settings_hash = settings.fingerprint() as u32;
+        self.settings_commanded = settings.differences(initial);
+        self.settings = settings;
     }
 
     /// Whether a connection has been replaced by a newer one of the same flight computer.
@@ -205,7 +256,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn an_observer_is_carried_forward_until_it_is_too_old() {
         let settings = Settings::flight().unwrap().observer;
-        let mut state = State::new(Simulated { camera: false, lens: false });
+        let mut state = State::new(Arc::new(Settings::flight().unwrap()), Guard::default());
         let sent = Observer { latitude: -1.3, sidereal_time: 10.0 * DEG };
         let at = Instant::now();
         state.observer = Some((sent, at));

@@ -3,8 +3,10 @@
 use super::clock::utc_now;
 use super::session::{Closed, Shared};
 use super::state::{Actor, Counters, State};
-use crate::command::FlightComputer;
-use crate::wire::{self, Authority, Camera, Clock, Housekeeping, Image, Link, Maybe, Status, Update};
+use crate::command::{FlightComputer, Refusal};
+use crate::wire::{
+    self, Authority, Camera, Clock, Code, CommandReply, Control, Housekeeping, Image, Link, List, Maybe, Status, Update,
+};
 use tokio::time::Instant;
 
 /// What one connection knows of itself.
@@ -30,8 +32,9 @@ pub fn compose(state: &State, shared: &Shared, computer: FlightComputer, sequenc
         authority: authority(state, computer),
         counters: counters(&state.counters, state.solving.is_some()),
         housekeeping: Housekeeping::default(),
-        camera: Camera { next_image_counter: state.counters.next_image.0.into(), ..Camera::default() },
+        camera: camera(state),
         image: image(state, shared, now).into(),
+        control: control(state, shared, computer),
     }
 }
 
@@ -42,7 +45,7 @@ fn link(state: &State, shared: &Shared, sequence: u32, record: LinkRecord, now: 
         boot_id: shared.clock.boot_id().into(),
         uptime_s: shared.clock.uptime().as_secs_f64(),
         clock: Clock::new(utc, quality),
-        settings_hash: shared.hello.settings_hash.get().copied().unwrap_or_default(),
+        settings_hash: state.settings_hash.into(),
         simulated_camera: state.simulated.camera,
         simulated_lens: state.simulated.lens,
         statuses_received: record.statuses.into(),
@@ -53,15 +56,44 @@ fn link(state: &State, shared: &Shared, sequence: u32, record: LinkRecord, now: 
 }
 
 fn authority(state: &State, computer: FlightComputer) -> Authority {
-    let holder = state.in_charge();
+    let lease = state.in_charge();
     let claims = state.peers.iter().filter_map(|peer| peer.status.as_ref()).filter(|(status, _)| status.claims_charge).count();
+    let counts = &state.desk.counts;
     Authority {
-        in_charge_id: holder.map(|holder| holder.computer.0).into(),
-        in_charge_since_s: holder.map(|holder| holder.since.as_secs_f64()).into(),
-        you_are_in_charge: holder.is_some_and(|holder| holder.computer == computer),
+        in_charge_id: lease.map(|lease| lease.computer.0).into(),
+        in_charge_since_s: lease.map(|lease| lease.since.as_secs_f64()).into(),
+        you_are_in_charge: lease.is_some_and(|lease| lease.computer == computer),
         claims: u8::try_from(claims).unwrap_or(u8::MAX),
-        ..Authority::default()
+        commands_accepted: counts.accepted.into(),
+        commands_refused: counts.refused.values().fold(0, |sum: u32, count| sum.saturating_add(*count)).into(),
+        last_refusal: counts.last.into(),
     }
+}
+
+/// What became of commands, for a computer.
+fn control(state: &State, shared: &Shared, computer: FlightComputer) -> Control {
+    let now = shared.clock.uptime();
+    let counts = &state.desk.counts.refused;
+    let armed = state.desk.armed(now);
+    let replies: Vec<CommandReply> = state.desk.replies.due(computer).map(|reply| CommandReply::new(reply, now)).collect();
+    let refused: Vec<_> = Refusal::ALL.iter().map(|why| counts.get(why).copied().unwrap_or_default().into()).collect();
+    Control {
+        lease_epoch: state.in_charge().map(|lease| lease.epoch.0).into(),
+        armed_command: armed.map(|(_, command, _)| command.code()).into(),
+        armed_for_s: armed.map_or(0.0, |(.., until)| until.saturating_sub(now).as_secs_f64()),
+        commands_under_way: u8::try_from(state.desk.under_way().count()).unwrap_or(u8::MAX),
+        authentication_required: shared.keys.required(),
+        authentication_key: shared.keys.has(computer),
+        counters_kept: state.counters_kept,
+        refused: List::from_slice(&refused),
+        settings_commanded: state.settings_commanded.into(),
+        ..Control::default()
+    }
+    .with_replies(&replies)
+}
+
+fn camera(state: &State) -> Camera {
+    Camera { next_image_counter: state.counters.next_image.0.into(), gain_db: state.camera_gain.into(), ..Camera::default() }
 }
 
 fn counters(counters: &Counters, solving: bool) -> wire::Counters {

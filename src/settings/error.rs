@@ -11,6 +11,8 @@ pub enum Layer {
     Custom,
     /// `--set` on the command line.
     CommandLine,
+    /// A command from the ground.
+    Command,
 }
 
 /// Where a value, or a mistake, stands.

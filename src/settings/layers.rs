@@ -113,6 +113,32 @@ impl Layers {
     }
 }
 
+impl Settings {
+    /// These settings after assignments `dotted.key=value` of a command; each is checked as those of the command line are.
+    ///
+    /// # Errors
+    /// As [`Layers::load`], with the command as the origin.
+    pub fn commanded(&self, assignments: &[String]) -> Result<Self, SettingsError> {
+        let mut all = flight_layer(FLIGHT_NAME, FLIGHT_TOML)?;
+        let before = Value::try_from(self).unwrap_or(Value::Boolean(false));
+        for setting in &mut all {
+            let find = |at: &Value, key: &str| at.get(key).cloned();
+            if let Some(value) = setting.key.split('.').try_fold(before.clone(), |at, key| find(&at, key)) {
+                setting.value = value;
+            }
+        }
+        let origin = Origin { layer: Layer::Command, line: 0, file: "command".into() };
+        for assignment in assignments {
+            let (rule, value) =
+                read_assignment(assignment).map_err(|problem| SettingsError { origin: origin.clone(), problem })?;
+            replace(&mut all, rule, value, &origin);
+        }
+        let settings = typed(&all, FLIGHT_NAME)?;
+        relations::check(&settings, &all)?;
+        Ok(settings)
+    }
+}
+
 /// Every setting of the flight file, in the order of the rules.
 fn flight_layer(name: &str, text: &str) -> Result<Vec<Setting>, SettingsError> {
     let given = read_layer(Layer::Flight, name, text)?;

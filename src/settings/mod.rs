@@ -37,6 +37,20 @@ impl Settings {
         Ok(Layers::embedded().load()?.settings)
     }
 
+    /// How many settings have another value in `other`.
+    pub fn differences(&self, other: &Self) -> u16 {
+        fn count(a: &serde_json::Value, b: &serde_json::Value) -> u16 {
+            match (a, b) {
+                (serde_json::Value::Object(a), serde_json::Value::Object(b)) => {
+                    a.iter().map(|(key, value)| b.get(key).map_or(1, |other| count(value, other))).sum()
+                }
+                (a, b) => u16::from(a != b),
+            }
+        }
+        let json = |settings: &Self| serde_json::to_value(settings).unwrap_or_default();
+        count(&json(self), &json(other))
+    }
+
     /// A number by which two programs can tell whether they run with the same settings: CRC-64/XZ of their JSON.
     /// The same settings give the same number wherever they came from and on every machine.
     pub fn fingerprint(&self) -> u64 {

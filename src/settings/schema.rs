@@ -25,6 +25,8 @@ pub struct Settings {
     pub observer: ObserverSettings,
     /// The connections to the flight computers.
     pub network: NetworkSettings,
+    /// What is done with commands.
+    pub commands: CommandSettings,
     /// The page for browsers.
     pub display: DisplaySettings,
     /// What is kept on disk.
@@ -115,6 +117,8 @@ pub struct LensSettings {
     pub kind: LensKind,
     /// Path of the serial port for `kind = "serial"`.
     pub port: String,
+    /// A focus move further than this must be armed before it is fired, encoder counts.
+    pub large_move_counts: i32,
 }
 
 /// Section `[focus]`.
@@ -125,6 +129,8 @@ pub struct FocusSettings {
     pub search_min_counts: i32,
     /// Furthest position of a focus search, encoder counts (per camera).
     pub search_max_counts: i32,
+    /// Distance between the positions of a sweep, encoder counts.
+    pub step_counts: i32,
 }
 
 /// Section `[catalog]`.
@@ -367,6 +373,32 @@ pub struct NetworkSettings {
     pub silence_s: f64,
     /// Connections held at a time.
     pub max_connections: u32,
+}
+
+/// Section `[commands]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CommandSettings {
+    /// A command that the ground gave longer ago is not run, s.
+    pub window_s: f64,
+    /// Run nothing whose sender does not show its key.
+    pub require_authentication: bool,
+    /// File with the key of flight computer 1; empty for none.
+    pub key_file_1: String,
+    /// File with the key of flight computer 2; empty for none.
+    pub key_file_2: String,
+    /// Directory of the ledger of counters; empty: they do not survive a restart.
+    pub ledger_directory: String,
+    /// Program that switches the computer off; empty for none.
+    pub shut_down_program: String,
+    /// Program that restarts the computer; empty for none.
+    pub restart_program: String,
+    /// Program that resets the network; empty for none.
+    pub network_reset_program: String,
+    /// Reset the network when no flight computer was heard for long.
+    pub network_lull: bool,
+    /// How long, s.
+    pub network_lull_s: f64,
 }
 
 /// Section `[display]`.

@@ -1,8 +1,45 @@
 //! A simulated flight computer: what it says, from what it knows. The socket is the service room's.
 
+use crate::command::{Act, Command, Key, Slot};
 use crate::sky::{ClockQuality, Observer, Utc};
-use crate::wire::{Clock, EquatorialEstimate, Hello, HorizontalEstimate, ObserverPart, Role, Status, Update};
+use crate::wire::{
+    Clock, CommandReply, CommandSlot, Commands, EquatorialEstimate, Hello, HorizontalEstimate, List, ObserverPart, Role, Status,
+    Update,
+};
+use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
+
+/// A command that has no last reply after this time is given up; the camera refuses it by then.
+const COMMAND_LASTS: Duration = Duration::from_secs(15);
+/// One that was accepted is waited for this long: the slowest is a sweep of the focus.
+const ACCEPTED_LASTS: Duration = Duration::from_secs(3600);
+
+/// A command on its way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Given {
+    /// What to do with it.
+    pub act: Act,
+    /// The command.
+    pub command: Command,
+    /// Its counter.
+    pub counter: u32,
+    /// When the ground gave it, time since this computer's start.
+    pub at: Duration,
+    accepted: bool,
+}
+
+/// What it knows of commands.
+#[derive(Debug, Clone, Default)]
+struct Relay {
+    counters: BTreeMap<u8, u32>,
+    /// Those that wait for their turn: one is under way at a time, so that arming comes before firing.
+    waiting: VecDeque<(Act, Command)>,
+    given: Option<Given>,
+    acknowledged: u32,
+    camera_boot: u32,
+    lease: Option<u32>,
+    blocks: u32,
+}
 
 /// A flight computer. Time comes in as the time since its start.
 #[derive(Debug, Clone)]
@@ -21,7 +58,10 @@ pub struct FlightComputer {
     pub equatorial: Option<EquatorialEstimate>,
     /// The series of triggers that images belong to.
     pub trigger: Option<u32>,
+    /// The key that it shares with the camera.
+    pub key: Option<Key>,
     link: Link,
+    relay: Relay,
 }
 
 /// What it counts of one connection.
@@ -43,13 +83,16 @@ impl FlightComputer {
             horizontal: None,
             equatorial: None,
             trigger: None,
+            key: None,
             link: Link::default(),
+            relay: Relay::default(),
         }
     }
 
     /// Begins a connection: its hello, and counters from zero.
     pub fn connect(&mut self) -> Hello {
         self.link = Link::default();
+        (self.relay.acknowledged, self.relay.lease, self.relay.blocks) = (0, None, 0);
         Hello::new(Role::FlightComputer, self.id, &format!("simulated fc{}", self.id), self.boot_id, None)
     }
 
@@ -73,10 +116,77 @@ impl FlightComputer {
         }
     }
 
-    /// Takes note of an update.
-    pub fn on_update(&mut self, update: &Update) {
+    /// Takes note of an update; gives the replies in it that are new.
+    pub fn on_update(&mut self, update: &Update) -> Vec<CommandReply> {
         self.link.updates = self.link.updates.wrapping_add(1);
         self.link.last_sequence = Some(update.link.sequence.get());
+        let relay = &mut self.relay;
+        relay.camera_boot = update.link.boot_id.get();
+        let lease = update.control.lease_epoch.get().map(|epoch| epoch.get());
+        relay.lease = lease.filter(|_| update.authority.you_are_in_charge);
+        let known = relay.acknowledged;
+        let new: Vec<_> = update.control.replies().copied().filter(|reply| reply.serial.get() > known).collect();
+        new.iter().for_each(|reply| self.on_reply(reply));
+        new
+    }
+
+    fn on_reply(&mut self, reply: &CommandReply) {
+        let relay = &mut self.relay;
+        relay.acknowledged = relay.acknowledged.max(reply.serial.get());
+        let Some(given) = &mut relay.given else { return };
+        if self.id == reply.flight_computer && (given.command.code(), given.counter) == (reply.command, reply.counter.get()) {
+            given.accepted = true;
+            if reply.stage.get().is_some_and(crate::command::Stage::is_last) {
+                relay.given = None;
+            }
+        }
+    }
+
+    /// Takes a command from the ground, to be given when those before it have had their last reply.
+    pub fn relay(&mut self, act: Act, command: Command) {
+        self.relay.waiting.push_back((act, command));
+    }
+
+    /// The next block of commands, to be sent now; `uptime`: time since this computer's start. With it a command that was never
+    /// answered and is given up.
+    pub fn block(&mut self, uptime: Duration) -> (Commands, Option<Given>) {
+        let relay = &mut self.relay;
+        let lasts = |given: &Given| if given.accepted { ACCEPTED_LASTS } else { COMMAND_LASTS };
+        let given_up = relay.given.take_if(|given| uptime.saturating_sub(given.at) > lasts(given));
+        // The first block of a boot runs nothing, so nothing is given in it.
+        if relay.given.is_none()
+            && relay.lease.is_some()
+            && relay.blocks > 0
+            && let Some((act, command)) = relay.waiting.pop_front()
+        {
+            let counter = relay.counters.entry(command.code()).or_default();
+            *counter = counter.wrapping_add(1);
+            relay.given = Some(Given { act, command, counter: *counter, at: uptime, accepted: false });
+        }
+        let slot = |given: &Given| {
+            let age_s = uptime.saturating_sub(given.at).as_secs_f64();
+            CommandSlot::new(&Slot::new(&given.command, given.act, given.counter, age_s))
+        };
+        // An accepted command no longer has to be said.
+        let slots: Vec<CommandSlot> = relay.given.iter().filter(|given| !given.accepted).map(slot).collect();
+        let block = Commands {
+            sequence: relay.blocks.into(),
+            boot_id: self.boot_id.into(),
+            camera_boot_id: relay.camera_boot.into(),
+            lease_epoch: relay.lease.unwrap_or_default().into(),
+            last_update_sequence: self.link.last_sequence.into(),
+            acknowledged: relay.acknowledged.into(),
+            slots_count: slots.len() as u8,
+            slots: List::from_slice(&slots),
+            ..Commands::default()
+        };
+        relay.blocks = relay.blocks.wrapping_add(1);
+        (self.key.as_ref().map_or(block, |key| block.signed(key)), given_up)
+    }
+
+    /// Commands that have not had their last reply.
+    pub fn unanswered(&self) -> usize {
+        self.relay.waiting.len() + usize::from(self.relay.given.is_some())
     }
 }
 

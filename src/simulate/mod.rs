@@ -6,4 +6,4 @@
 mod flight_computer;
 pub mod sky;
 
-pub use flight_computer::FlightComputer;
+pub use flight_computer::{FlightComputer, Given};

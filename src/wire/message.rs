@@ -2,7 +2,7 @@
 
 use super::frame::{crc32, put_frame, skip_to_sync, take_frame};
 use super::layout::{About, BodyError};
-use super::{Element, Form, Gyro, Hello, MAX_FRAME, Refuse, Scalar, Status, Table, Update};
+use super::{Commands, Element, Form, Gyro, Hello, MAX_FRAME, Refuse, Scalar, Status, Table, Update};
 use bytes::BytesMut;
 use std::fmt::Write;
 use std::sync::LazyLock;
@@ -10,7 +10,11 @@ use std::sync::LazyLock;
 /// Lowest version of the protocol that this program still speaks.
 pub const PROTOCOL_MIN: u8 = 1;
 /// Highest version of the protocol that this program speaks.
-pub const PROTOCOL_CURRENT: u8 = 1;
+pub const PROTOCOL_CURRENT: u8 = 2;
+/// Bytes of an [`Update`] in version 1; the other bodies of that version are as they were.
+const UPDATE_V1: usize = 1348;
+/// Codes that `last_refusal` has in version 1; later ones are not known there.
+const REFUSALS_V1: u8 = 9;
 /// A stream that goes on for this long without one whole frame is none of ours, bytes.
 pub const MAX_GARBAGE: usize = MAX_FRAME;
 
@@ -28,6 +32,8 @@ pub enum Kind {
     Update = 4,
     /// [`Gyro`].
     Gyro = 5,
+    /// [`Commands`], from version 2 on.
+    Commands = 6,
 }
 
 /// One message.
@@ -39,6 +45,7 @@ pub enum Message {
     Status(Box<Status>),
     Update(Box<Update>),
     Gyro(Box<Gyro>),
+    Commands(Box<Commands>),
 }
 
 /// Why bytes are not a message.
@@ -95,24 +102,35 @@ impl WireError {
 
 impl Kind {
     /// Every kind, in the order of the codes.
-    pub const ALL: [Self; 5] = [Self::Hello, Self::Refuse, Self::Status, Self::Update, Self::Gyro];
+    pub const ALL: [Self; 6] = [Self::Hello, Self::Refuse, Self::Status, Self::Update, Self::Gyro, Self::Commands];
 
     /// The kind with a code.
     pub fn from_code(code: u8) -> Result<Self, WireError> {
         Self::ALL.into_iter().find(|kind| *kind as u8 == code).ok_or(WireError::UnknownKind(code))
     }
 
+    /// Bytes of its body in a version that is spoken; `None` where that version has no such message.
+    pub fn size_in(self, version: u8) -> Option<usize> {
+        match (version, self) {
+            (1, Self::Commands) => None,
+            (1, Self::Update) => Some(UPDATE_V1),
+            _ => Some(self.table().size),
+        }
+    }
+
     /// The layout of its body in the current version.
     pub fn table(self) -> &'static Table {
-        static TABLES: LazyLock<[Table; 5]> =
-            LazyLock::new(|| [table::<Hello>(), table::<Refuse>(), table::<Status>(), table::<Update>(), table::<Gyro>()]);
-        let [hello, refuse, status, update, gyro] = &*TABLES;
+        static TABLES: LazyLock<[Table; 6]> = LazyLock::new(|| {
+            [table::<Hello>(), table::<Refuse>(), table::<Status>(), table::<Update>(), table::<Gyro>(), table::<Commands>()]
+        });
+        let [hello, refuse, status, update, gyro, commands] = &*TABLES;
         match self {
             Self::Hello => hello,
             Self::Refuse => refuse,
             Self::Status => status,
             Self::Update => update,
             Self::Gyro => gyro,
+            Self::Commands => commands,
         }
     }
 }
@@ -191,6 +209,7 @@ impl Message {
             Self::Status(_) => Kind::Status,
             Self::Update(_) => Kind::Update,
             Self::Gyro(_) => Kind::Gyro,
+            Self::Commands(_) => Kind::Commands,
         }
     }
 
@@ -202,6 +221,7 @@ impl Message {
             Self::Status(body) => postcard::to_stdvec(body),
             Self::Update(body) => postcard::to_stdvec(body),
             Self::Gyro(body) => postcard::to_stdvec(body),
+            Self::Commands(body) => postcard::to_stdvec(body),
         };
         let table = self.kind().table();
         let mut bytes = encoded.map_err(|error| BodyError::Layout { body: table.name, problem: error.to_string() })?;
@@ -211,22 +231,40 @@ impl Message {
 
     /// Appends the message as a frame of the current version.
     pub fn encode(&self, out: &mut BytesMut) -> Result<(), WireError> {
-        put_frame(self.kind() as u8, PROTOCOL_CURRENT, &self.body()?, out)
+        self.encode_in(PROTOCOL_CURRENT, out)
+    }
+
+    /// Appends the message as a frame of a version that is spoken.
+    pub fn encode_in(&self, version: u8, out: &mut BytesMut) -> Result<(), WireError> {
+        let kind = self.kind();
+        let size = kind.size_in(version).ok_or(WireError::BadVersion(version))?;
+        let mut body = self.body()?;
+        if version == 1 {
+            withhold_later_codes(kind.table(), &mut body);
+        }
+        put_frame(kind as u8, version, body.get(..size).unwrap_or(&body), out)
     }
 
     /// Reads a body, and says how many of its values were out of range and are therefore not known.
     ///
-    /// A body may only grow at its end, so of a version later than ours the part that we know is read and the rest left.
-    /// A body of our own version has exactly its length.
+    /// A body may only grow at its end, so of a version later than ours the part that we know is read and the rest left, and of
+    /// an earlier one the rest is at its default. A body of a version that is spoken has exactly its length.
     pub fn decode(kind: u8, version: u8, body: &[u8]) -> Result<(Self, u32), WireError> {
         if version < PROTOCOL_MIN {
             return Err(WireError::BadVersion(version));
         }
         let kind = Kind::from_code(kind)?;
         let table = kind.table();
-        let ours = if version > PROTOCOL_CURRENT { body.get(..table.size).unwrap_or(body) } else { body };
-        table.check(ours)?;
+        let size = kind.size_in(version).ok_or(WireError::BadVersion(version))?;
+        let ours = if version > PROTOCOL_CURRENT { body.get(..size).unwrap_or(body) } else { body };
+        if ours.len() != size {
+            return Err(BodyError::Length { body: table.name, got: ours.len(), expected: size }.into());
+        }
         let mut bytes = ours.to_vec();
+        if size < table.size {
+            bytes.extend_from_slice(Self::Update(Box::default()).body()?.get(size..).unwrap_or_default());
+        }
+        table.check(&bytes)?;
         let withheld = table.settle(&mut bytes);
         let message = match kind {
             Kind::Hello => Self::Hello(read(&bytes, table)?),
@@ -234,6 +272,7 @@ impl Message {
             Kind::Status => Self::Status(read(&bytes, table)?),
             Kind::Update => Self::Update(read(&bytes, table)?),
             Kind::Gyro => Self::Gyro(read(&bytes, table)?),
+            Kind::Commands => Self::Commands(read(&bytes, table)?),
         };
         Ok((message, withheld))
     }
@@ -241,6 +280,15 @@ impl Message {
     /// The fields by name, what is not known as null.
     pub fn json(&self) -> Result<serde_json::Map<String, serde_json::Value>, WireError> {
         Ok(self.kind().table().json(&self.body()?))
+    }
+}
+
+/// What version 1 has no code for is not known there.
+fn withhold_later_codes(table: &Table, body: &mut [u8]) {
+    let place = |name: &str| table.fields.iter().find(|field| field.name == name).map(|field| field.offset);
+    let (Some(flag), Some(code)) = (place("last_refusal_known"), place("last_refusal")) else { return };
+    if body.get(code).is_some_and(|code| *code > REFUSALS_V1) {
+        [flag, code].into_iter().filter_map(|place| Some(*body.get_mut(place)? = 0)).for_each(drop);
     }
 }
 

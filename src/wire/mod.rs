@@ -1,14 +1,15 @@
 //! The wire room: what goes over TCP between camera and flight computer.
 //!
-//! A stream is a row of frames (`frame`), each of which carries one message: [`Hello`], [`Refuse`], [`Status`], [`Update`]
-//! or [`Gyro`]. A body has a **fixed layout**: the same bytes are a `postcard` encoding, a packed little-endian C struct
+//! A stream is a row of frames (`frame`), each of which carries one message: [`Hello`], [`Refuse`], [`Status`], [`Update`],
+//! [`Gyro`] or [`Commands`]. A body has a **fixed layout**: the same bytes are a `postcard` encoding, a packed little-endian C struct
 //! and one Python `struct` format. Each body is declared once, with the name, unit, range and meaning of every field
 //! (`body!`), and its [`Table`] comes out of that same declaration; checks, JSON and everything in `proto/` are made from
 //! the table, so that none of them can drift apart.
 //!
-//! Pure: bytes in, messages out. Uses `settings`, `sky`, `image`, `solve` and serde, postcard, bytes and crc.
+//! Pure: bytes in, messages out. Uses `settings`, `sky`, `image`, `solve`, `command` and serde, postcard, bytes and crc.
 
 mod code;
+mod commands;
 mod element;
 mod frame;
 mod gyro;
@@ -24,6 +25,7 @@ mod tests;
 mod update;
 
 pub use code::{Code, Coded};
+pub use commands::{CommandReply, CommandSlot, Commands, Control, SLOTS};
 pub use element::{Element, I32Le, List, Maybe, Text, U16Le, U32Le};
 pub use frame::{MAX_FRAME, OVERHEAD, SYNC};
 pub use gyro::{Exposure, Gyro, Rates};
@@ -35,6 +37,6 @@ pub use message::{
 pub use refuse::{Refusal, Refuse};
 pub use status::{EquatorialEstimate, HorizontalEstimate, ObserverPart, Status};
 pub use update::{
-    Authority, Camera, Clock, CommandRefusal, Corrections, Counters, Equatorial, FrameStatistics, HorizontalPart, Housekeeping,
-    Image, Link, Source, Update,
+    Authority, Camera, Clock, Corrections, Counters, Equatorial, FrameStatistics, HorizontalPart, Housekeeping, Image, Link,
+    Source, Update,
 };

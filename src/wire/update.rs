@@ -1,39 +1,12 @@
 //! `Update`: everything that a flight computer is told, twice a second.
 
-use super::code::codes;
+use super::commands::Control;
 use super::element::body;
 use super::status::ObserverPart;
 use super::{Coded, I32Le, List, Maybe, Text, U16Le, U32Le};
+use crate::command::Refusal;
 use crate::sky::{ClockQuality, Utc};
 use crate::solve::{Cause, Reason, SearchMode};
-
-/// Why a command was refused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
-#[serde(rename_all = "snake_case")]
-#[allow(missing_docs, reason = "the names are the meaning")]
-pub enum CommandRefusal {
-    NotInCharge,
-    Stale,
-    Replayed,
-    OutOfRange,
-    Busy,
-    NotArmed,
-    UnknownCommand,
-    UnsafeState,
-    NotAuthentic,
-}
-
-codes!(CommandRefusal {
-    1 NotInCharge "not_in_charge",
-    2 Stale "stale",
-    3 Replayed "replayed",
-    4 OutOfRange "out_of_range",
-    5 Busy "busy",
-    6 NotArmed "not_armed",
-    7 UnknownCommand "unknown_command",
-    8 UnsafeState "unsafe_state",
-    9 NotAuthentic "not_authentic",
-});
 
 body! {
     /// Everything that the camera tells a flight computer, every 0.5 s on a steady schedule.
@@ -50,6 +23,8 @@ body! {
         camera: Camera => "";
         /// The last image that ended in an outcome.
         image: Maybe<Image> => "";
+        /// What became of commands. From version 2 on.
+        control: Control => "";
     }
 }
 
@@ -107,7 +82,7 @@ body! {
         /// Commands refused since the camera's start.
         commands_refused: U32Le => "";
         /// Why the last one was refused.
-        last_refusal: Maybe<Coded<CommandRefusal>> => "";
+        last_refusal: Maybe<Coded<Refusal>> => "";
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::{frame, proto, same, samples};
 use serde_json::Value;
-use stars::wire::{Hello, Message, Reader, Refusal, Refuse, Role};
+use stars::wire::{Hello, Message, PROTOCOL_CURRENT, Reader, Refusal, Refuse, Role};
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Command, Output, Stdio};
@@ -39,7 +39,7 @@ fn serve_two_updates(stream: &mut TcpStream) {
     let (mut reader, mut buffer) = (Reader::default(), bytes::BytesMut::new());
     let Message::Hello(theirs) = receive(stream, &mut reader, &mut buffer) else { panic!("no hello") };
     let ours = Hello::new(Role::Camera, 1, "xsc0", 77, None);
-    assert_eq!(ours.agree(&theirs), Ok(1));
+    assert_eq!(ours.agree(&theirs), Ok(PROTOCOL_CURRENT));
     assert_eq!(theirs.id, 2);
     stream.write_all(&frame(&Message::Hello(Box::new(ours)))).unwrap();
     let Message::Status(status) = receive(stream, &mut reader, &mut buffer) else { panic!("no status") };

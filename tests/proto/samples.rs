@@ -1,5 +1,6 @@
 //! Messages whose bytes are kept: values chosen so that a mistaken offset, sign, width or byte order shows.
 
+use stars::command::{Act, Stage};
 use stars::sky::ClockQuality;
 use stars::solve::{Cause, Reason, SearchMode};
 use stars::wire::*;
@@ -16,6 +17,8 @@ pub fn all() -> Vec<(&'static str, Message)> {
         ("update_unsolved", Message::Update(Box::new(update(Some(unsolved()))))),
         ("update_no_image", Message::Update(Box::new(update(None)))),
         ("gyro", Message::Gyro(Box::new(gyro()))),
+        ("commands", Message::Commands(Box::new(commands()))),
+        ("commands_none", Message::Commands(Box::default())),
     ]
 }
 
@@ -85,7 +88,7 @@ fn update(image: Option<Image>) -> Update {
             claims: 2,
             commands_accepted: 21.into(),
             commands_refused: 22.into(),
-            last_refusal: known.then_some(CommandRefusal::Stale).into(),
+            last_refusal: known.then_some(stars::command::Refusal::HalfChanged).into(),
         },
         counters: Counters {
             frames_taken: 101.into(),
@@ -117,7 +120,61 @@ fn update(image: Option<Image>) -> Update {
             aperture_counts: Some(14).into(),
         },
         image: image.into(),
+        control: if known { control() } else { Control::default() },
     }
+}
+
+fn control() -> Control {
+    let refused: Vec<_> = (1..=18).map(|count: u32| (count * 1_000_003).into()).collect();
+    let reply = |serial: u32, stage: Stage, why: Option<stars::command::Refusal>, words: &str| CommandReply {
+        serial: serial.into(),
+        flight_computer: 2,
+        command: 23,
+        counter: (serial * 70_000).into(),
+        stage: stage.into(),
+        why: why.into(),
+        reply_age_s: f64::from(serial) + 0.25,
+        words: Text::new(words),
+    };
+    Control {
+        lease_epoch: Some(40_000u32).into(),
+        armed_command: Some(1).into(),
+        armed_for_s: 7.5,
+        commands_under_way: 3,
+        authentication_required: true,
+        authentication_key: false,
+        counters_kept: true,
+        refused: List::from_slice(&refused),
+        settings_commanded: 515.into(),
+        ..Control::default()
+    }
+    .with_replies(&[
+        reply(7, Stage::Completed, None, "at 3030 counts"),
+        reply(8, Stage::Rejected, Some(stars::command::Refusal::NotInCharge), "its computer does not hold the lease"),
+    ])
+}
+
+fn commands() -> Commands {
+    let slot = |text: &str, act, counter, age_s| {
+        CommandSlot::new(&stars::command::Slot::new(&stars::command::Command::parse(text).unwrap(), act, counter, age_s))
+    };
+    let slots = [
+        slot("lens.set_focus 3030", Act::Run, 4, 1.25),
+        slot("requirements.elevation 1 -5.5 60", Act::Run, 70_000, 0.5),
+        slot("service.shut_down 1", Act::Fire, 2, 14.75),
+    ];
+    let block = Commands {
+        sequence: 9.into(),
+        boot_id: 0x0102_0304.into(),
+        camera_boot_id: 0xA1B2_C3D4.into(),
+        lease_epoch: 40_000.into(),
+        last_update_sequence: Some(512u32).into(),
+        acknowledged: 6.into(),
+        slots_count: 3,
+        slots: List::from_slice(&slots),
+        tag: Maybe::unknown(),
+    };
+    block.signed(&stars::command::Key::parse(&"5a".repeat(32)).unwrap())
 }
 
 fn solved() -> Image {

@@ -1,0 +1,111 @@
+//! Orders: what the hub does with a command that passed every check.
+
+use super::camera::ToCamera;
+use super::hub::{Hub, ToHub};
+use super::state::{Ending, State};
+use crate::command::{self, Command, OrderNumber, Refusal, Stage, Tick};
+use std::path::Path;
+use std::process::Stdio;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A program that a command runs must end within this time; otherwise it is killed.
+const PROGRAM_ENDS_WITHIN: Duration = Duration::from_secs(60);
+
+/// How an order went at once, or that its result comes later.
+enum Done {
+    /// It is done.
+    Now(String),
+    /// Its result comes as a message.
+    Later,
+    /// It cannot be done.
+    Not(Refusal, String),
+}
+
+impl Hub {
+    /// Does what an order says, and puts what came of it into the replies.
+    pub(super) fn carry_out(&self, state: &mut State, now: Tick, number: OrderNumber, command: Command) {
+        tracing::info!(order = number.0, %command, "command");
+        let done = match command::apply(&command, &state.settings) {
+            Some(Ok(settings)) => {
+                state.adopt(Arc::new(settings), &self.initial);
+                Done::Now(String::new())
+            }
+            Some(Err(error)) => Done::Not(Refusal::OutOfRange, error.to_string()),
+            None => self.act(state, number, command),
+        };
+        let (stage, why, words) = match done {
+            Done::Now(words) => (Stage::Completed, None, words),
+            Done::Later => (Stage::Started, None, String::new()),
+            Done::Not(why, words) => (Stage::Failed, Some(why), words),
+        };
+        state.desk.report(now, number, stage, why, words);
+    }
+
+    fn act(&self, state: &mut State, number: OrderNumber, command: Command) -> Done {
+        let commands = &state.settings.commands;
+        match command {
+            Command::Quit {} => {
+                state.ending = Some(Ending::Commanded);
+                Done::Now("the program ends".to_owned())
+            }
+            Command::ShutDown { restart: false } => self.run_program(number, "shut_down_program", &commands.shut_down_program),
+            Command::ShutDown { restart: true } => self.run_program(number, "restart_program", &commands.restart_program),
+            Command::ResetNetwork {} => self.run_program(number, "network_reset_program", &commands.network_reset_program),
+            Command::FactoryReset {} => {
+                state.adopt(Arc::clone(&self.initial), &self.initial);
+                state.desk.disarm();
+                Done::Now("the settings of the start are in force".to_owned())
+            }
+            Command::KnownGood {} => {
+                state.adopt(Arc::clone(&self.initial), &self.initial);
+                state.desk.disarm();
+                Done::Now("flight defaults, lens at rest".to_owned())
+            }
+            Command::AbortSolver {} => {
+                self.abort_solver.send_modify(|count| *count = count.wrapping_add(1));
+                Done::Now(String::new())
+            }
+            Command::GetGain {} => self.ask_camera(ToCamera::GetGain(number)),
+            Command::SetGain { gain_db } => {
+                state.camera_gain = None;
+                self.ask_camera(ToCamera::SetGain(number, gain_db))
+            }
+            _ => Done::Not(Refusal::NotAvailable, "nothing carries this out yet".to_owned()),
+        }
+    }
+
+    fn ask_camera(&self, request: ToCamera) -> Done {
+        match self.camera.as_ref().map(|camera| camera.try_send(request)) {
+            Some(Ok(())) => Done::Later,
+            Some(Err(_)) => Done::Not(Refusal::Busy, "the camera has as many requests as it may".to_owned()),
+            None => Done::Not(Refusal::Device, "there is no camera".to_owned()),
+        }
+    }
+
+    /// Runs a program of the settings, with no arguments and nothing to read; its end comes back as a message.
+    fn run_program(&self, number: OrderNumber, setting: &'static str, program: &str) -> Done {
+        if program.is_empty() {
+            return Done::Not(Refusal::Program, format!("commands.{setting} is empty"));
+        }
+        let (hub, program) = (self.own.clone(), program.to_owned());
+        tokio::spawn(async move {
+            let result = run(Path::new(&program)).await.map_err(|problem| format!("{program}: {problem}"));
+            hub.tell(ToHub::Program { number, result }).await;
+        });
+        Done::Later
+    }
+}
+
+/// Runs a program to its end.
+async fn run(program: &Path) -> Result<(), String> {
+    let mut command = tokio::process::Command::new(program);
+    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).kill_on_drop(true);
+    let mut child = command.spawn().map_err(|error| error.to_string())?;
+    match tokio::time::timeout(PROGRAM_ENDS_WITHIN, child.wait()).await {
+        Err(_) => Err(format!("did not end within {} s", PROGRAM_ENDS_WITHIN.as_secs())),
+        Ok(Err(error)) => Err(error.to_string()),
+        Ok(Ok(status)) if status.success() => Ok(()),
+        Ok(Ok(status)) => Err(status.to_string()),
+    }
+}
