@@ -3,6 +3,7 @@
 use super::session::Closed;
 use crate::command::{FlightComputer, Holder, InCharge};
 use crate::image::{ImageCounter, TriggerCounter};
+use crate::lens::{Doubt, LensState};
 use crate::settings::{CameraKind, LensKind, ObserverSettings, Settings};
 use crate::sky::Observer;
 use crate::solve::{Outcome, Prior, Report};
@@ -20,6 +21,8 @@ pub struct State {
     pub readiness: Readiness,
     /// What the camera does.
     pub camera: CameraState,
+    /// What is known of the lens.
+    pub lens: Arc<LensState>,
     /// The frame that is being solved.
     pub solving: Option<ImageCounter>,
     /// The last frame that ended in an outcome; one that was only skipped is counted and not shown here.
@@ -119,6 +122,7 @@ pub struct Counters {
 #[allow(missing_docs, reason = "the names are the meaning")]
 pub enum Actor {
     Camera,
+    Lens,
     Solver,
     Hub,
     Recorder,
@@ -152,6 +156,7 @@ impl State {
             simulated,
             readiness: Readiness::Starting,
             camera: CameraState::Idle,
+            lens: Arc::new(LensState::unknown(Doubt::NeverRead)),
             solving: None,
             latest: None,
             peers: Vec::new(),
