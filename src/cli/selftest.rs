@@ -198,6 +198,7 @@ fn lens(settings: &Settings) -> Verdict {
     match settings.lens.kind {
         LensKind::None => Verdict::Note("no lens control".to_owned()),
         LensKind::Simulated => Verdict::Good("a simulated controller".to_owned()),
+        LensKind::Serial if port == "auto" => Verdict::Note("the lens's port is looked for when the service runs".to_owned()),
         LensKind::Serial => match std::fs::metadata(port) {
             Err(error) => Verdict::Bad(format!("lens.port = \"{port}\": {error}")),
             Ok(meta) if !meta.file_type().is_char_device() => Verdict::Bad(format!("lens.port = \"{port}\": not a serial port")),

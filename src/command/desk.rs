@@ -35,7 +35,7 @@ pub struct Focus {
     /// Where it is, where that is known, counts.
     pub position: Option<i32>,
     /// A move further than this is large, counts.
-    pub large_move: i32,
+    pub large_move: u32,
 }
 
 /// An order that has not had its last reply.
@@ -196,10 +196,10 @@ fn is_hazardous(hazard: Hazard, command: &Command, focus: Focus) -> bool {
         (Hazard::None, _) => false,
         (Hazard::Always, _) => true,
         (Hazard::LargeMove, Command::SetFocus { position_counts }) => {
-            focus.position.is_none_or(|at| position_counts.abs_diff(at) > focus.large_move.unsigned_abs())
+            focus.position.is_none_or(|at| position_counts.abs_diff(at) > focus.large_move)
         }
         (Hazard::LargeMove, Command::MoveFocus { step_counts }) => {
-            focus.position.is_none() || step_counts.unsigned_abs() > focus.large_move.unsigned_abs()
+            focus.position.is_none() || step_counts.unsigned_abs() > focus.large_move
         }
         (Hazard::LargeMove, _) => true,
     }

@@ -13,6 +13,7 @@ use crate::command::{
 };
 use crate::image::ImageCounter;
 use crate::settings::Settings;
+use crate::lens::{LensResult, LensState, RequestCounter};
 use crate::solve::Reason;
 use crate::wire::{Commands, Status};
 use std::sync::Arc;
@@ -106,6 +107,15 @@ pub enum ToHub {
     RecordLost,
     /// The disk refused.
     DiskError,
+    /// What is known of the lens now.
+    Lens(Box<LensState>),
+    /// How far a request to the lens has come.
+    LensResult {
+        /// The number of the request.
+        counter: RequestCounter,
+        /// How far.
+        result: LensResult,
+    },
     /// An actor was started again.
     Restarted(Actor),
 }
@@ -223,6 +233,8 @@ impl Hub {
             ToHub::Recorded => counters.records_written = counters.records_written.saturating_add(1),
             ToHub::RecordLost => counters.records_lost = counters.records_lost.saturating_add(1),
             ToHub::DiskError => counters.disk_errors = counters.disk_errors.saturating_add(1),
+            ToHub::Lens(lens) => state.lens = Arc::from(lens),
+            ToHub::LensResult { counter, result } => tracing::info!(counter = counter.0, ?result, "lens"),
             ToHub::Restarted(actor) => {
                 let count = counters.restarts.entry(actor).or_default();
                 *count = count.saturating_add(1);
@@ -367,7 +379,8 @@ impl Hub {
     }
 }
 
-async fn sleep_until(moment: Option<Instant>) {
+/// Sleeps until then; for ever, where there is no then.
+pub async fn sleep_until(moment: Option<Instant>) {
     match moment {
         Some(moment) => tokio::time::sleep_until(moment).await,
         None => std::future::pending().await,

@@ -9,6 +9,8 @@
 //! | camera → hub | image numbers, unreadable images | 64, shared | the sender waits; the hub awaits nobody, so that this is short |
 //! | solver → hub | outcomes, readiness | the same | as above |
 //! | session → hub | connections, statuses, commands | the same | as above: this one peer is read later; its updates go on |
+//! | lens → hub | what is known of it, answers | the same | as above |
+//! | hub → lens | requests | 32 | refused as busy; the lens always takes: beyond 16 that wait it refuses by itself |
 //! | recorder, supervisor → hub | what was kept, lost, started again | the same | as above; the supervisor drops the count |
 //! | hub → camera | requests for its gain | 4 | the command fails as `busy` |
 //! | hub → ledger | counters of commands | 32 | the command fails as `not_kept` |
@@ -30,6 +32,7 @@ mod inbox;
 mod index;
 mod keys;
 mod ledger;
+mod lens;
 mod listener;
 mod orders;
 mod parts;
@@ -46,18 +49,21 @@ pub use codec::{Codec, LinkError};
 pub use file::{FileError, read_file};
 pub use flight_computer::{STATUS_PERIOD, Seen, Sighting, fly};
 pub use index::{IndexOrigin, Prepared, prepare};
+pub use lens::{Handle as LensHandle, SimulatedLens, ToLens};
 pub use parts::{Parts, PartsError, Stars, load_bad_pixels, load_catalogue};
 pub use session::Closed;
 pub use solver::{MakeSolver, Solve};
 pub use state::{Actor, CameraState, Counters, Ending, Finished, Peer, Readiness, Simulated, State};
 
 use crate::command::{Guard, Memory, UNDER_WAY};
-use crate::settings::Settings;
+use crate::lens::Rules;
+use crate::settings::{LensKind, Settings};
 use crate::wire::{Hello, Role};
 use camera::CameraActor;
 use hub::Hub;
 use keys::Keys;
 use ledger::{Ledger, LedgerActor};
+use lens::LensActor;
 use listener::Listener;
 use recorder::Recorder;
 use session::{Shared, Strangers};
@@ -83,6 +89,8 @@ const SOLVER_INBOX: usize = 2;
 const CAMERA_INBOX: usize = 4;
 /// Outcomes that may wait for the recorder's actor, which takes them at once.
 const RECORDER_INBOX: usize = 64;
+/// Requests that may wait for the lens's actor, which takes them at once.
+const LENS_INBOX: usize = 32;
 /// Time that each stage gets to end: four of them stay under 2 s.
 const STAGE_ENDS_WITHIN: Duration = Duration::from_millis(450);
 /// The camera's number in its hello.
@@ -113,6 +121,9 @@ pub enum StartError {
     /// A key cannot be had; in words, with the setting and the file.
     #[error("{0}")]
     Key(String),
+    /// Not a list of faults.
+    #[error("lens.simulated.faults: {0}")]
+    Faults(String),
     /// Not an address.
     #[error("network.peers: \"{0}\" is no IP address")]
     Peer(String),
@@ -142,6 +153,10 @@ pub struct Running {
     pub state: watch::Receiver<Arc<State>>,
     /// The service's clock.
     pub clock: Clock,
+    /// Asks the lens for things.
+    pub lens: LensHandle,
+    /// The simulated lens, where it is one: says where it truly is, and takes faults.
+    pub simulated_lens: Option<SimulatedLens>,
     listener: Listener,
     /// In the order in which they are to end.
     stages: [(&'static str, Stage); 4],
@@ -177,11 +192,28 @@ pub async fn start(settings: Arc<Settings>) -> Result<Running, StartError> {
     start_with(settings, parts, listener)
 }
 
-/// Starts the service with the given camera and solver on a bound socket.
+/// Starts the service with the given camera and solver on a bound socket, and with the lens of the settings.
 ///
 /// # Errors
 /// See [`StartError`].
 pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) -> Result<Running, StartError> {
+    let lens = match settings.lens.kind {
+        LensKind::Simulated => Some(SimulatedLens::new(&settings.lens, settings.simulate.seed).map_err(StartError::Faults)?),
+        LensKind::Serial | LensKind::None => None,
+    };
+    start_with_lens(settings, parts, lens, socket)
+}
+
+/// As [`start_with`], with a simulated lens that others may look at; without one, with the lens of the settings if it is real.
+///
+/// # Errors
+/// See [`StartError`].
+pub fn start_with_lens(
+    settings: Arc<Settings>,
+    parts: Parts,
+    lens: Option<SimulatedLens>,
+    socket: TcpListener,
+) -> Result<Running, StartError> {
     let address = socket.local_addr().map_err(|error| StartError::Listen { address: settings.network.listen.clone(), error })?;
     let allowed = addresses(&settings.network.peers)?;
     let clock = Clock::start();
@@ -261,6 +293,20 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
     };
     let door = listener.clone();
     watchman.keep(&edges, Actor::Listener, move || door.clone().run());
+    let (to_lens, lens_inbox) = inbox::channel(LENS_INBOX);
+    let lens_actor = LensActor {
+        inbox: lens_inbox,
+        hub: hub.clone(),
+        ports: lens.as_ref().map(SimulatedLens::ports).or_else(|| lens::serial_ports(&settings.lens)),
+        rules: Rules::of(&settings.lens),
+        open: Arc::default(),
+        clock,
+        stop: edges.stop.clone(),
+    };
+    watchman.keep(&edges, Actor::Lens, move || lens_actor.clone().run());
+    if let Some(lens) = &lens {
+        edges.tracker.spawn(lens.clone().run(edges.stop.clone()).instrument(watchman.span.clone()));
+    }
     if let Some(make) = parts.camera {
         let camera = CameraActor {
             make,
@@ -276,7 +322,7 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
         watchman.keep(&edges, Actor::Camera, move || camera.clone().run());
     }
     let stages = [("camera or connections", edges), ("solver", solving), ("hub", owning), ("recorder", keeping)];
-    Ok(Running { address, state, clock, listener, stages })
+    Ok(Running { address, state, clock, lens: LensHandle::new(to_lens), simulated_lens: lens, listener, stages })
 }
 
 /// The ledger of counters, and what it remembers; none where the settings name no directory.

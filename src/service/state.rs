@@ -3,6 +3,7 @@
 use super::session::Closed;
 use crate::command::{BootId, Desk, FlightComputer, Focus, Guard, InCharge, Lease};
 use crate::image::{ImageCounter, TriggerCounter};
+use crate::lens::{Doubt, LensState};
 use crate::settings::{CameraKind, LensKind, ObserverSettings, Settings};
 use crate::sky::Observer;
 use crate::solve::{Outcome, Prior, Report};
@@ -20,6 +21,8 @@ pub struct State {
     pub readiness: Readiness,
     /// What the camera does.
     pub camera: CameraState,
+    /// What is known of the lens.
+    pub lens: Arc<LensState>,
     /// The frame that is being solved.
     pub solving: Option<ImageCounter>,
     /// The last frame that ended in an outcome; one that was only skipped is counted and not shown here.
@@ -144,6 +147,7 @@ pub struct Counters {
 #[allow(missing_docs, reason = "the names are the meaning")]
 pub enum Actor {
     Camera,
+    Lens,
     Solver,
     Hub,
     Recorder,
@@ -178,6 +182,7 @@ impl State {
             simulated: Simulated::of(&settings),
             readiness: Readiness::Starting,
             camera: CameraState::Idle,
+            lens: Arc::new(LensState::unknown(Doubt::NeverRead)),
             solving: None,
             latest: None,
             peers: Vec::new(),
@@ -207,7 +212,7 @@ impl State {
 
     /// Where the focus is, to tell a large move.
     pub fn focus(&self) -> Focus {
-        Focus { position: None, large_move: self.settings.lens.large_move_counts }
+        Focus { position: self.lens.focus.value().map(|counts| counts.0), large_move: self.settings.lens.large_move_counts }
     }
 
     /// Puts other settings in force.

@@ -16,6 +16,8 @@ pub(super) enum Kind {
     Choice(&'static [&'static str]),
     /// Printable ASCII of this length at most, not empty.
     Name { max: usize },
+    /// Printable ASCII of this length at most, or empty.
+    OptionalText { max: usize },
     /// A path, not empty.
     Path,
     /// A path, or empty.
@@ -104,7 +106,25 @@ pub(super) const RULES: &[Rule] = &[
     number("simulate.latitude_deg", "deg", -90.0, 90.0),
     word("lens.kind", Kind::Choice(LENSES)),
     word("lens.port", Kind::Path),
-    whole("lens.large_move_counts", "counts", 1, 65535),
+    whole("lens.baud", "baud", 300, 4_000_000),
+    switch("lens.init_on_startup"),
+    switch("lens.relearn"),
+    number("lens.relearn_pause_s", "s", 0.001, 86_400.0),
+    whole("lens.large_move_counts", "counts", 0, 65_535),
+    whole("lens.tolerance_counts", "counts", 0, 1000),
+    number("lens.reply_timeout_s", "s", 0.01, 60.0),
+    number("lens.move_timeout_s", "s", 0.01, 600.0),
+    number("lens.learn_timeout_s", "s", 0.01, 600.0),
+    whole("lens.retries", "times", 0, 10),
+    number("lens.retry_pause_s", "s", 0.001, 600.0),
+    number("lens.check_period_s", "s", 0.01, 3600.0),
+    number("lens.search_period_s", "s", 0.01, 3600.0),
+    whole("lens.simulated.range_counts", "counts", 1, 65_535),
+    whole("lens.simulated.start_counts", "counts", 0, 65_535),
+    number("lens.simulated.speed_counts_s", "counts/s", 1.0, 1e6),
+    number("lens.simulated.backlash_counts", "counts", 0.0, 1000.0),
+    number("lens.simulated.speedup", "", 1.0, 1000.0),
+    word("lens.simulated.faults", Kind::OptionalText { max: 4096 }),
     whole("focus.search_min_counts", "encoder counts", 0, 65_535),
     whole("focus.search_max_counts", "encoder counts", 0, 65_535),
     whole("focus.step_counts", "counts", 1, 1000),
@@ -222,6 +242,7 @@ impl Rule {
             Kind::Number { min, max } => format!("{min} to {max}"),
             Kind::Choice(words) => words.iter().map(|word| format!("\"{word}\"")).collect::<Vec<_>>().join(", "),
             Kind::Name { max } => format!("1 to {max} printable ASCII characters"),
+            Kind::OptionalText { max } => format!("up to {max} printable ASCII characters"),
             Kind::Path => "path".into(),
             Kind::OptionalPath => "path or empty".into(),
             Kind::Listen => "IP address:port".into(),
@@ -239,7 +260,7 @@ impl Rule {
             Kind::Whole { .. } => format!("a whole number from {range}{unit}"),
             Kind::Number { .. } => format!("a number from {range}{unit}"),
             Kind::Choice(_) => format!("one of {range}"),
-            Kind::Name { .. } => format!("text of {range}"),
+            Kind::Name { .. } | Kind::OptionalText { .. } => format!("text of {range}"),
             Kind::Path => "text, a path of at most 4096 bytes".into(),
             Kind::OptionalPath => "text, a path of at most 4096 bytes or \"\"".into(),
             Kind::Listen => "text, an IP address and port such as \"10.0.0.2:2017\" or \"[::1]:2017\"".into(),
@@ -285,15 +306,20 @@ impl Rule {
     }
 
     fn wants_text(&self) -> bool {
-        matches!(self.kind, Kind::Choice(_) | Kind::Name { .. } | Kind::Path | Kind::OptionalPath | Kind::Listen)
+        matches!(
+            self.kind,
+            Kind::Choice(_) | Kind::Name { .. } | Kind::OptionalText { .. } | Kind::Path | Kind::OptionalPath | Kind::Listen
+        )
     }
 }
 
 fn allows_text(kind: Kind, text: &str) -> bool {
     let path = |empty: bool| (empty || !text.is_empty()) && text.len() <= PATH_BYTES && !text.chars().any(char::is_control);
+    let printable = || text.bytes().all(|c| c == b' ' || c.is_ascii_graphic());
     match kind {
         Kind::Choice(words) => words.contains(&text),
-        Kind::Name { max } => (1..=max).contains(&text.len()) && text.bytes().all(|c| c == b' ' || c.is_ascii_graphic()),
+        Kind::Name { max } => (1..=max).contains(&text.len()) && printable(),
+        Kind::OptionalText { max } => text.len() <= max && printable(),
         Kind::Path => path(false),
         Kind::OptionalPath => path(true),
         Kind::Listen => text.parse::<core::net::SocketAddr>().is_ok(),

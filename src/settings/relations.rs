@@ -7,6 +7,7 @@ use toml::Value;
 
 /// Pairs of which the first must be below the second, or (true) may equal it.
 const ORDERED: &[(&str, &str, bool)] = &[
+    ("lens.simulated.start_counts", "lens.simulated.range_counts", true),
     ("focus.search_min_counts", "focus.search_max_counts", false),
     ("catalog.index_stars_per_field", "catalog.verification_stars_per_field", true),
     ("solver.sources.max_sources", "solver.sources.max_found", true),

@@ -115,10 +115,54 @@ pub enum LensKind {
 pub struct LensSettings {
     /// What stands behind the port.
     pub kind: LensKind,
-    /// Path of the serial port for `kind = "serial"`.
+    /// Path of the serial port for `kind = "serial"`; `auto`: looked for.
     pub port: String,
-    /// A focus move further than this must be armed before it is fired, encoder counts.
-    pub large_move_counts: i32,
+    /// Speed of the serial line, baud.
+    pub baud: u32,
+    /// Drive to both stops to learn the range, and open the aperture, when the controller is found for the first time.
+    pub init_on_startup: bool,
+    /// Learn the range anew by itself, and go back, after the controller forgot it or lost counts.
+    pub relearn: bool,
+    /// Least time between learning it by itself, s.
+    pub relearn_pause_s: f64,
+    /// Moves of the focus over this have to be armed, counts.
+    pub large_move_counts: u32,
+    /// A position this near to another is the same, counts.
+    pub tolerance_counts: u32,
+    /// A reply to a word that doesn't move comes within this time, s.
+    pub reply_timeout_s: f64,
+    /// A reply to a word that moves comes within this time, s.
+    pub move_timeout_s: f64,
+    /// A reply to the word that learns the range comes within this time, s.
+    pub learn_timeout_s: f64,
+    /// Times that a question is asked again.
+    pub retries: u32,
+    /// Pause before something unknown is read again, s.
+    pub retry_pause_s: f64,
+    /// Time between reads of a lens at rest, s.
+    pub check_period_s: f64,
+    /// Time between searches for the controller, s.
+    pub search_period_s: f64,
+    /// The simulated controller.
+    pub simulated: SimulatedLensSettings,
+}
+
+/// Section `[lens.simulated]`: the controller of `lens.kind = "simulated"`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SimulatedLensSettings {
+    /// From stop to stop, encoder counts.
+    pub range_counts: i32,
+    /// Where the focus is at the start, encoder counts from the near stop.
+    pub start_counts: i32,
+    /// Speed of the focus, counts/s.
+    pub speed_counts_s: f64,
+    /// Play between motor and optics, counts.
+    pub backlash_counts: f64,
+    /// All its times are divided by this.
+    pub speedup: f64,
+    /// Faults and when they come; empty: none.
+    pub faults: String,
 }
 
 /// Section `[focus]`.

@@ -1,9 +1,11 @@
-//! The simulate room: simulated twins of the outside: the sky renderer and the flight computer.
+//! The simulate room: simulated twins of the outside: the sky renderer, the lens controller and the
+//! flight computer.
 //!
-//! Uses all rooms before it; pure and seeded, no files. Its public face is [`sky`] and
+//! Uses all rooms before it; pure and seeded, no files. Its public face is [`sky`], [`lens`] and
 //! [`FlightComputer`].
 
 mod flight_computer;
+pub mod lens;
 pub mod sky;
 
 pub use flight_computer::{FlightComputer, Given};

@@ -1,0 +1,180 @@
+//! The simulated lens controller on a pseudo-terminal, which is opened by its path as a real port is.
+//!
+//! When the port "vanishes" the terminal is closed, and later there is another one, with another path: [`SimulatedLens::ports`]
+//! gives the present one.
+
+use super::port::Ports;
+use crate::settings::LensSettings;
+use crate::simulate::lens::{Controller, Fault, FaultKind, Received, parse_faults};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::io::AsyncReadExt;
+use tokio::sync::Notify;
+use tokio::time::Instant;
+use tokio_serial::{SerialPort, SerialStream};
+use tokio_util::sync::CancellationToken;
+
+/// Pause before it is looked again whether somebody opened the port.
+const UNOPENED_PAUSE: Duration = Duration::from_millis(5);
+/// Pause before another pseudo-terminal is asked for where there was none.
+const NO_TERMINAL_PAUSE: Duration = Duration::from_secs(1);
+
+/// A handle on the simulated lens: for the simulated sky, whose sharpness depends on it, and for whoever injects faults.
+#[derive(Clone)]
+pub struct SimulatedLens(Arc<Shared>);
+
+struct Shared {
+    controller: Mutex<Controller>,
+    path: Mutex<Option<PathBuf>>,
+    /// Something was injected.
+    changed: Notify,
+    began: Instant,
+    baud: u32,
+}
+
+impl SimulatedLens {
+    /// The lens of the settings, with their faults. It is there as soon as [`Self::run`] runs.
+    ///
+    /// # Errors
+    /// What is wrong with `lens.simulated.faults`.
+    pub fn new(settings: &LensSettings, seed: u64) -> Result<Self, String> {
+        let mut controller = Controller::new(&settings.simulated, seed);
+        for fault in parse_faults(&settings.simulated.faults)? {
+            controller.inject(fault);
+        }
+        Ok(Self(Arc::new(Shared {
+            controller: Mutex::new(controller),
+            path: Mutex::new(None),
+            changed: Notify::new(),
+            began: Instant::now(),
+            baud: settings.baud,
+        })))
+    }
+
+    /// Where the optics truly are now, counts from the near stop. Any thread may ask.
+    pub fn true_focus(&self) -> f64 {
+        self.controller().true_focus(self.now())
+    }
+
+    /// Where the motor truly is now, counts from the near stop: what a right reading says.
+    pub fn true_motor(&self) -> f64 {
+        self.controller().true_motor(self.now())
+    }
+
+    /// Where the aperture truly is.
+    pub fn true_aperture(&self) -> i32 {
+        self.controller().true_aperture()
+    }
+
+    /// Begins a fault now, for this long.
+    pub fn inject(&self, kind: FaultKind, lasts: Duration) {
+        let from = self.now();
+        self.controller().inject(Fault { kind, from, until: from + lasts });
+        self.0.changed.notify_one();
+    }
+
+    /// The words that it received, oldest first.
+    pub fn received(&self) -> Vec<Received> {
+        self.controller().received().cloned().collect()
+    }
+
+    /// Its port, as long as it has one.
+    pub fn path(&self) -> Option<PathBuf> {
+        self.0.path.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Its port for the lens's actor.
+    pub fn ports(&self) -> Ports {
+        let lens = self.clone();
+        Ports::new(self.0.baud, move || lens.path().into_iter().collect())
+    }
+
+    /// Is the controller until stopped.
+    pub async fn run(self, stop: CancellationToken) {
+        let _ = stop.run_until_cancelled(self.live()).await;
+        self.set_path(None);
+    }
+
+    async fn live(&self) {
+        loop {
+            match self.terminal() {
+                Ok((master, path)) => {
+                    self.set_path(Some(path));
+                    self.serve(master).await;
+                    self.set_path(None);
+                }
+                Err(error) => {
+                    tracing::error!(%error, "no pseudo-terminal for the simulated lens");
+                    tokio::time::sleep(NO_TERMINAL_PAUSE).await;
+                }
+            }
+            while !self.step(&[]).1 {
+                self.wait().await;
+            }
+        }
+    }
+
+    /// Makes a pseudo-terminal, raw, so that it does not give back to us what we send. Our own hold on the end that the lens's actor
+    /// opens is given up: as on a real port, nobody is there until it is opened.
+    fn terminal(&self) -> Result<(SerialStream, PathBuf), String> {
+        let (master, end) = SerialStream::pair().map_err(|error| error.to_string())?;
+        let name = end.name().ok_or("it has no name")?;
+        Ok((master, PathBuf::from(name)))
+    }
+
+    /// Is at the other end of the terminal until the port vanishes.
+    async fn serve(&self, mut master: SerialStream) {
+        loop {
+            let mut bytes = [0; 256];
+            let length = tokio::select! {
+                read = master.read(&mut bytes) => match read {
+                    Ok(length) => length,
+                    // Nobody has it open.
+                    Err(_) => {
+                        let _ = tokio::time::timeout(UNOPENED_PAUSE, self.wait()).await;
+                        0
+                    }
+                },
+                () = self.wait() => 0,
+            };
+            let (out, has_port) = self.step(bytes.get(..length).unwrap_or_default());
+            if !has_port {
+                return;
+            }
+            if let Err(error) = if out.is_empty() { Ok(0) } else { master.try_write(&out) } {
+                tracing::debug!(%error, "nobody reads what the simulated lens says");
+            }
+        }
+    }
+
+    /// The controller takes bytes and says what it has to; and whether its port is there.
+    fn step(&self, bytes: &[u8]) -> (Vec<u8>, bool) {
+        let now = self.now();
+        let mut controller = self.controller();
+        let out = controller.on(now, bytes);
+        (out, controller.has_port(now))
+    }
+
+    /// Until the controller has something to do.
+    async fn wait(&self) {
+        let deadline = self.controller().deadline().map(|tick| self.0.began + tick);
+        let _ = tokio::time::timeout_at(
+            deadline.unwrap_or_else(|| Instant::now() + Duration::from_secs(3600)),
+            self.0.changed.notified(),
+        )
+        .await;
+    }
+
+    fn set_path(&self, path: Option<PathBuf>) {
+        *self.0.path.lock().unwrap_or_else(PoisonError::into_inner) = path;
+    }
+
+    fn controller(&self) -> MutexGuard<'_, Controller> {
+        self.0.controller.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn now(&self) -> Duration {
+        self.0.began.elapsed()
+    }
+}
