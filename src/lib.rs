@@ -9,6 +9,7 @@ pub mod catalog;
 pub mod cli;
 pub mod command;
 pub mod image;
+pub mod lens;
 pub mod service;
 pub mod settings;
 pub mod simulate;

@@ -8,6 +8,7 @@ use toml::Value;
 /// Pairs of which the first must be below the second, or (true) may equal it.
 const ORDERED: &[(&str, &str, bool)] = &[
     ("focus.search_min_counts", "focus.search_max_counts", false),
+    ("focus.backlash_counts", "focus.refocus_counts", false),
     ("catalog.index_stars_per_field", "catalog.verification_stars_per_field", true),
     ("solver.sources.max_sources", "solver.sources.max_found", true),
     ("solver.matching.platescale_min_arcsec_px", "solver.matching.platescale_max_arcsec_px", false),
