@@ -9,6 +9,7 @@ use toml::Value;
 const ORDERED: &[(&str, &str, bool)] = &[
     ("lens.simulated.start_counts", "lens.simulated.range_counts", true),
     ("focus.search_min_counts", "focus.search_max_counts", false),
+    ("focus.backlash_counts", "focus.refocus_counts", false),
     ("catalog.index_stars_per_field", "catalog.verification_stars_per_field", true),
     ("solver.sources.max_sources", "solver.sources.max_found", true),
     ("solver.matching.platescale_min_arcsec_px", "solver.matching.platescale_max_arcsec_px", false),

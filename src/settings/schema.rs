@@ -15,7 +15,7 @@ pub struct Settings {
     pub simulate: SimulateSettings,
     /// The lens controller.
     pub lens: LensSettings,
-    /// Focus positions that the lens may take.
+    /// The autofocus: where it searches, how far it steps, how long it may take.
     pub focus: FocusSettings,
     /// The star catalogue and what is derived from it.
     pub catalog: CatalogSettings,
@@ -173,8 +173,20 @@ pub struct FocusSettings {
     pub search_min_counts: i32,
     /// Furthest position of a focus search, encoder counts (per camera).
     pub search_max_counts: i32,
-    /// Distance between the positions of a sweep, encoder counts.
+    /// Finest step of a focus search, encoder counts; wider ones are taken where the time asks for them.
     pub step_counts: i32,
+    /// Longest time that a focus search takes images for, s.
+    pub time_allowed_s: f64,
+    /// The display shows the curves for this long after a search, s.
+    pub grace_s: f64,
+    /// Positions are approached from below for this long at least, encoder counts.
+    pub backlash_counts: i32,
+    /// Furthest that a refocus goes from where the lens was, encoder counts.
+    pub refocus_counts: i32,
+    /// Growth of the blur disc's diameter away from best focus, px a count (per lens).
+    pub blur_px_per_count: f64,
+    /// Full width at half maximum of stars in best focus, px (per lens).
+    pub sharp_width_px: f64,
 }
 
 /// Section `[catalog]`.

@@ -57,6 +57,8 @@ pub struct RenderSpec {
     pub attitude: Option<Attitude>,
     /// Turn of the camera during the exposure, rotation vector about (left, up, boresight), rad; as the kind says where `None`.
     pub sweep: Option<Vec3>,
+    /// Diameter of the discs that the stars are out of focus, px; as the kind says where `None`.
+    pub disc_px: Option<f64>,
     /// Seed of what stays with a camera from frame to frame: optics, dust, hot pixels, fixed pattern. Where `None`, every
     /// frame comes from a camera of its own.
     pub camera: Option<u64>,
@@ -114,6 +116,7 @@ impl RenderSpec {
             mirrored: false,
             attitude: None,
             sweep: None,
+            disc_px: None,
             camera: None,
         }
     }

@@ -67,10 +67,11 @@ impl Scene {
         let optics = draw_optics(spec);
         let mut camera = spec.camera_dice(Purpose::Optics);
         let psf_sigma_px = camera.uniform(PSF_SIGMA_PX.0, PSF_SIGMA_PX.1);
-        let diameter = match spec.kind {
-            Kind::Defocus => motion.uniform(2.0, 12.0),
-            Kind::Defocus30 => motion.uniform(26.0, 33.0),
-            Kind::Spoilt(Cause::OutOfFocus) => motion.log_uniform(spoil::DISC_PX.0, spoil::DISC_PX.1),
+        let diameter = match (spec.disc_px, spec.kind) {
+            (Some(diameter), _) => diameter,
+            (None, Kind::Defocus) => motion.uniform(2.0, 12.0),
+            (None, Kind::Defocus30) => motion.uniform(26.0, 33.0),
+            (None, Kind::Spoilt(Cause::OutOfFocus)) => motion.log_uniform(spoil::DISC_PX.0, spoil::DISC_PX.1),
             _ => 0.0,
         };
         let mut sensor = if spec.kind == Kind::MultiExp { Sensor::sum_of_four() } else { Sensor::mean_of_four() };
