@@ -36,7 +36,16 @@ CODES = {
     "command_refusal": [
         "not_in_charge", "stale", "replayed", "out_of_range", "busy", "not_armed", "unknown_command", "unsafe_state",
         "not_authentic", "half_changed", "early", "wrong_boot", "not_available", "not_kept", "stopped", "device",
-        "program", "dialect",
+        "program", "dialect", "no_result",
+    ],
+    "doubt": [
+        "no_lens", "never_read", "requested", "not_read_back", "timed_out", "unexpected_reply", "refused", "port_lost",
+        "not_learned", "power_cycled", "counts_lost", "missed",
+    ],
+    "autofocus_mode": ["not_running", "running", "grace"],
+    "focus_ending": [
+        "found", "edge_low", "edge_high", "no_peak", "too_few", "not_confirmed", "timed_out", "aborted", "stopped",
+        "lens_failed", "better", "worse",
     ],
     "stage": ["accepted", "started", "completed", "rejected", "failed"],
     "reason": [
@@ -222,7 +231,7 @@ LAYOUTS = {
         authentication_required ?
         authentication_key ?
         counters_kept ?
-        refused 18I
+        refused 19I
         settings_commanded H
         replies_count B
         replies 32{
@@ -234,6 +243,37 @@ LAYOUTS = {
             why ?B=command_refusal
             reply_age_s d
             words 64s
+        }
+        lens_connected ?
+        lens_moving ?
+        lens_stopped ?
+        focus_doubt ?B=doubt
+        aperture_doubt ?B=doubt
+        focus_range ?{
+            focus_nearest_counts i
+            focus_furthest_counts i
+        }
+        lens_requests B
+        lens_errors I
+        lens_last_error 64s
+        autofocus_mode B=autofocus_mode
+        autofocus_requested_counts ?i
+        autofocus_run_age_s ?d
+        autofocus_time_left_s ?d
+        autofocus_images H
+        autofocus_best ?{
+            best_focus_counts d
+            sigma_best_focus_counts d
+            best_focus_drift_counts_min d
+        }
+        autofocus_ending ?B=focus_ending
+        focus_estimate ?{
+            star_width_px d
+            focus_distance_counts d
+            sigma_focus_distance_counts d
+            focus_distance_calibrated ?
+            star_width_px_per_hour ?d
+            star_width_px_per_kelvin ?d
         }
     """),
     5: ("gyro", """

@@ -70,6 +70,16 @@ pub struct SimulatedSky {
     gondola: Gondola,
     spec: RenderSpec,
     truth: Option<Truth>,
+    lens: Option<LensFocus>,
+    /// Gain, dB: what a camera would report. It changes no pixel.
+    gain_db: f64,
+}
+
+/// Where a simulated lens truly is, counts, and what follows for the stars.
+struct LensFocus {
+    position: Box<dyn Fn() -> f64 + Send>,
+    best_counts: f64,
+    blur_px_per_count: f64,
 }
 
 impl SimulatedSky {
@@ -90,7 +100,21 @@ impl SimulatedSky {
             camera: Some(settings.simulate.seed),
             ..RenderSpec::new(kind, settings.simulate.seed, 0)
         };
-        Ok(Self { catalogue, gondola: Gondola::new(&settings.simulate), spec, truth: None })
+        Ok(Self { catalogue, gondola: Gondola::new(&settings.simulate), spec, truth: None, lens: None, gain_db: 0.0 })
+    }
+
+    /// Behind a lens whose focus is at what `position` says, counts: away from `simulate.best_focus_counts` stars become discs. Frames
+    /// whose kind has a defocus of its own keep that.
+    #[must_use]
+    pub fn behind(mut self, settings: &Settings, position: impl Fn() -> f64 + Send + 'static) -> Self {
+        if !matches!(self.spec.kind, Kind::Defocus | Kind::Defocus30) {
+            self.lens = Some(LensFocus {
+                position: Box::new(position),
+                best_counts: f64::from(settings.simulate.best_focus_counts),
+                blur_px_per_count: settings.focus.blur_px_per_count,
+            });
+        }
+        self
     }
 
     /// What the last frame shows.
@@ -104,6 +128,14 @@ impl SimulatedSky {
     }
 }
 
+impl LensFocus {
+    /// Diameter of the stars' discs, px: no more than the renderer makes.
+    fn disc_px(&self) -> f64 {
+        const LARGEST_PX: f64 = 33.0;
+        (((self.position)() - self.best_counts).abs() * self.blur_px_per_count).min(LARGEST_PX)
+    }
+}
+
 impl Source for SimulatedSky {
     fn next(&mut self, moment: &Moment) -> Result<Frame, CameraError> {
         let year = moment.utc.map(|utc| utc.julian_year());
@@ -111,6 +143,7 @@ impl Source for SimulatedSky {
             index: u64::from(moment.image.0),
             attitude: self.gondola.attitude(moment.uptime, year),
             epoch_yr: year.unwrap_or(self.spec.epoch_yr),
+            disc_px: self.lens.as_ref().map(LensFocus::disc_px),
             ..self.spec.clone()
         };
         let rendered = render(&spec, &self.catalogue).map_err(|error| CameraError::Unavailable(error.to_string()))?;
@@ -119,6 +152,15 @@ impl Source for SimulatedSky {
         frame.stamp.observer = Some(self.gondola.observer(moment.uptime));
         self.truth = Some(rendered.truth);
         Ok(frame)
+    }
+
+    fn gain(&mut self) -> Result<f64, CameraError> {
+        Ok(self.gain_db)
+    }
+
+    fn set_gain(&mut self, gain_db: f64) -> Result<(), CameraError> {
+        self.gain_db = gain_db;
+        Ok(())
     }
 }
 

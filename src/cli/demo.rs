@@ -5,7 +5,9 @@ use super::run::{end, runtime, start_logging, stop_signal, until};
 use super::{ConfigArgs, NEGATIVE, print};
 use crate::camera::{CameraError, Gondola, Moment, SimulatedSky, Source};
 use crate::image::Frame;
-use crate::service::{MakeSource, Parts, Running, Seen, Sighting, Stars, StartError, fly, start_with};
+use crate::service::{
+    MakeSource, Parts, Running, Seen, Sighting, SimulatedLens, Stars, StartError, fly, simulated_sky, start_with,
+};
 use crate::settings::{CameraKind, Layer, LensKind, Loaded, Settings, parse_span};
 use crate::simulate::FlightComputer;
 use crate::sky::Attitude;
@@ -88,7 +90,8 @@ async fn demonstrate(settings: Arc<Settings>, duration: Option<Duration>, images
     let stop = stop_signal()?;
     let truths = Truths::default();
     let stars = Stars::of(&settings);
-    let parts = Parts { camera: Some(sky(&settings, &stars, &truths)), ..Parts::with_stars(&settings, &stars)? };
+    let parts = Parts::with_stars(&settings, &stars)?;
+    let parts = Parts { camera: Some(sky(&settings, &stars, parts.lens.as_ref(), &truths)), ..parts };
     let address = settings.network.listen.clone();
     let socket = TcpListener::bind(&address).await.map_err(|error| StartError::Listen { address, error })?;
     let running = start_with(Arc::clone(&settings), parts, socket)?;
@@ -142,7 +145,7 @@ async fn show(
 }
 
 /// The simulated sky as the camera, its truths noted.
-fn sky(settings: &Arc<Settings>, stars: &Stars, truths: &Truths) -> MakeSource {
+fn sky(settings: &Arc<Settings>, stars: &Stars, lens: Option<&SimulatedLens>, truths: &Truths) -> MakeSource {
     struct Noted {
         sky: SimulatedSky,
         truths: Truths,
@@ -160,9 +163,9 @@ fn sky(settings: &Arc<Settings>, stars: &Stars, truths: &Truths) -> MakeSource {
             Ok(frame)
         }
     }
-    let (settings, stars, truths) = (Arc::clone(settings), stars.clone(), Arc::clone(truths));
+    let (settings, stars, lens, truths) = (Arc::clone(settings), stars.clone(), lens.cloned(), Arc::clone(truths));
     Arc::new(move || {
-        let sky = SimulatedSky::new(&settings, stars.load()?).map_err(|error| error.to_string())?;
+        let sky = simulated_sky(&settings, &stars, lens.as_ref())?;
         Ok(Box::new(Noted { sky, truths: Arc::clone(&truths) }) as Box<dyn Source>)
     })
 }

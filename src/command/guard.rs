@@ -6,7 +6,7 @@
 //!
 //! 1. the block carries the right code of authentication, where one is required;
 //! 2. it comes from the boot that said hello on this connection;
-//! 3. it is not the first one of that boot: that shows only where its counters stand;
+//! 3. it is not the first whole one of that boot: that shows only where its counters stand;
 //! 4. the values of the command carry the seal that they were given together with its counter ([`Slot::seal`]);
 //! 5. the counter is greater than any that this boot has shown for this command;
 //! 6. its computer holds the lease, and made the block under this lease;
@@ -67,6 +67,11 @@ impl Slot {
         crc.update(&counter.to_le_bytes());
         values.iter().for_each(|value| crc.update(&value.to_le_bytes()));
         crc.finalize()
+    }
+
+    /// Whether it carries the seal that it was given with.
+    pub fn is_sealed(&self) -> bool {
+        self.seal == Self::seal_of(self.code, self.act, self.counter, &self.values)
     }
 
     /// A command with its seal.
@@ -150,6 +155,8 @@ pub enum Verdict {
 #[derive(Debug, Clone, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub struct Boot {
     boot: BootId,
+    /// A whole block of it was seen, so that its counters are known.
+    seeded: bool,
     counters: BTreeMap<u8, (u32, u32)>,
 }
 
@@ -189,9 +196,11 @@ impl Guard {
         if sender.block_boot != sender.boot && self.checks.has(Check::Boot) {
             return whole(Refusal::WrongBoot, "the block is not of the boot that said hello");
         }
-        let (first, boot) = self.memory.boot(sender.computer, sender.block_boot);
+        let boot = self.memory.boot(sender.computer, sender.block_boot);
         let checks = self.checks;
-        slots.iter().filter_map(|slot| judge(boot, first, sender, situation, slot, checks)).collect()
+        let verdicts = slots.iter().filter_map(|slot| judge(boot, sender, situation, slot, checks)).collect();
+        boot.seeded |= slots.iter().all(Slot::is_sealed);
+        verdicts
     }
 }
 
@@ -200,8 +209,8 @@ fn whole(why: Refusal, detail: &str) -> Vec<Verdict> {
 }
 
 impl Memory {
-    /// What is remembered of a boot, moved to the end; whether this is the first that is heard of it.
-    fn boot(&mut self, computer: FlightComputer, boot: BootId) -> (bool, &mut Boot) {
+    /// What is remembered of a boot, moved to the end.
+    fn boot(&mut self, computer: FlightComputer, boot: BootId) -> &mut Boot {
         if !self.0.contains_key(&computer) && self.0.len() >= COMPUTERS {
             self.0.pop_last();
         }
@@ -209,7 +218,7 @@ impl Memory {
         let known = boots.iter().position(|known| known.boot == boot);
         let entry = match known {
             Some(place) => boots.remove(place),
-            None => Boot { boot, counters: BTreeMap::new() },
+            None => Boot { boot, seeded: false, counters: BTreeMap::new() },
         };
         if boots.len() >= BOOTS {
             boots.remove(0);
@@ -218,15 +227,15 @@ impl Memory {
         let last = boots.len() - 1;
         // It was pushed just now.
         #[allow(clippy::indexing_slicing, reason = "the place was filled in the line before")]
-        (known.is_none(), &mut boots[last])
+        &mut boots[last]
     }
 }
 
 /// The verdict on one command; `None` where it only stands there still.
-fn judge(boot: &mut Boot, first: bool, sender: &Sender, now: &Situation, slot: &Slot, checks: Checks) -> Option<Verdict> {
+fn judge(boot: &mut Boot, sender: &Sender, now: &Situation, slot: &Slot, checks: Checks) -> Option<Verdict> {
     let refused = |why: Refusal, detail: String| Some(Verdict::Refused { code: slot.code, counter: slot.counter, why, detail });
     let Slot { code, act, counter, age_s, values, seal } = *slot;
-    if checks.has(Check::Seal) && seal != Slot::seal_of(code, act, counter, &values) {
+    if checks.has(Check::Seal) && !slot.is_sealed() {
         return refused(Refusal::HalfChanged, "the seal is not that of counter and values".to_owned());
     }
     let (last, last_seal) = boot.counters.get(&code).copied().unwrap_or_default();
@@ -240,7 +249,7 @@ fn judge(boot: &mut Boot, first: bool, sender: &Sender, now: &Situation, slot: &
         }
     }
     boot.counters.insert(code, (counter, seal));
-    if first && checks.has(Check::First) {
+    if !boot.seeded && checks.has(Check::First) {
         return refused(Refusal::Early, "the first block of a boot runs nothing".to_owned());
     }
     if let Err((why, detail)) = may_command(sender, now, checks) {

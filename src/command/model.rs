@@ -60,7 +60,8 @@ struct Computer {
     /// Since when it has been heard to claim without a break, and when that last ended.
     claiming: Option<Tick>,
     ended: Option<Tick>,
-    /// A lie of it was heard in this boot.
+    /// The uptime that was heard last in this boot, and whether one ever ran backwards: a lie, or a packet that was overtaken.
+    heard: Duration,
     caught: bool,
     /// Blocks of each boot that were delivered.
     blocks: [bool; 2],
@@ -118,6 +119,7 @@ fn computer(number: u8) -> Computer {
         renewed: None,
         claiming: None,
         ended: None,
+        heard: Duration::ZERO,
         caught: false,
         blocks: [false; 2],
         ran: [0; 2],
@@ -192,6 +194,7 @@ impl World {
                 let computer = &mut self.computers[who];
                 (computer.boot, computer.booted, computer.counter) = (1, now, 0);
                 (computer.lies, computer.caught, computer.claims) = (false, false, false);
+                computer.heard = Duration::ZERO;
             }
             Step::Deafen(who) => self.computers[who].deaf ^= true,
             Step::Lie(who) => self.computers[who].lies = true,
@@ -260,7 +263,8 @@ impl World {
     /// Delivers a packet: the status, then the block.
     fn deliver(&mut self, who: usize, packet: Packet, how: How) -> Result<(), String> {
         let computer = &mut self.computers[who];
-        computer.caught |= computer.lies && packet.uptime.is_zero() && packet.boot == computer.boot;
+        computer.caught |= packet.uptime < computer.heard;
+        computer.heard = packet.uptime;
         if packet.hears || !packet.claims {
             self.note_claim(who, packet.claims);
         }
@@ -351,8 +355,10 @@ impl World {
             let renewed = computer.renewed.is_some_and(|renewed| self.now - renewed < LEASE);
             renewed && computer.claiming.is_some_and(|since| self.now - since >= LASTING)
         };
-        let better = other.booted < holder.booted && !other.lies || holder.caught && !other.lies && !other.caught;
-        if lasts(holder) && lasts(other) && better && !(holder.lies && !holder.caught) {
+        // A liar that has not been caught is believed.
+        let honest = |computer: &Computer| !computer.lies && !computer.caught;
+        let better = honest(other) && (holder.caught || honest(holder) && other.booted < holder.booted);
+        if lasts(holder) && lasts(other) && better {
             return Err(format!("of two lasting claims the worse one has the lease: {lease:?}"));
         }
         Ok(())
@@ -410,6 +416,7 @@ impl World {
             let flags = [computer.up, computer.deaf, computer.lies, computer.claims, computer.caught];
             note(flags.iter().fold(0, |all, flag| all << 1 | u64::from(*flag)));
             note(u64::from(computer.boot) << 8 | u64::from(computer.counter));
+            note(age(self.now - computer.booted, computer.heard, long));
             note(age(self.now, computer.given, long) << 8 | since(computer.epoch));
             note(u64::from(computer.ran[0]) << 16 | u64::from(computer.ran[1]) << 8);
             note(u64::from(computer.blocks[0]) << 1 | u64::from(computer.blocks[1]));

@@ -69,6 +69,8 @@ pub enum Refusal {
     Program,
     /// The dialect's guard did not let it through.
     Dialect,
+    /// It was done and led to nothing: no best focus was found.
+    NoResult,
 }
 
 /// One stage of one command.

@@ -54,6 +54,19 @@ impl<T: Copy> Known<T> {
             Self::Moving | Self::Unknown(_) => None,
         }
     }
+
+    /// Whether it changes now.
+    pub fn is_moving(self) -> bool {
+        matches!(self, Self::Moving)
+    }
+
+    /// Why it is not known, where it is not and does not change either.
+    pub fn doubt(self) -> Option<Doubt> {
+        match self {
+            Self::Unknown(doubt) => Some(doubt),
+            Self::Moving | Self::Known(_) => None,
+        }
+    }
 }
 
 impl Doubt {

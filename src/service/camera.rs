@@ -118,6 +118,7 @@ impl CameraActor {
         match frame {
             Ok(mut frame) => {
                 self.number(image, &state, &mut frame.stamp).await;
+                self.note_instrument(&state, &mut frame.stamp);
                 self.tell(&state, CameraState::Working).await;
                 let prior = state.prior(at, &state.settings.observer);
                 let captured = Captured { frame: Arc::new(frame), at, prior };
@@ -133,6 +134,17 @@ impl CameraActor {
             Err(none) => self.tell(&state, CameraState::Unavailable(none.to_string())).await,
         }
         Ok(source)
+    }
+
+    /// Stamps a frame with the gain, and with where the lens stood for all of it; nothing where that is not known, or it moved.
+    fn note_instrument(&self, before: &State, stamp: &mut Stamp) {
+        let after = self.state.borrow();
+        let stood = before.lens_requests.is_empty() && after.lens_requests.is_empty();
+        let focus = before.focus_known().filter(|focus| stood && after.focus_known() == Some(*focus));
+        let aperture = before.aperture_known().filter(|aperture| after.aperture_known() == Some(*aperture));
+        stamp.focus_counts = stamp.focus_counts.or(focus.map(|focus| focus.0));
+        stamp.aperture_counts = stamp.aperture_counts.or(aperture.map(|aperture| aperture.0));
+        stamp.gain_db = stamp.gain_db.or(before.camera_gain.filter(|gain| after.camera_gain == Some(*gain)));
     }
 
     /// Gives an image its number, the series of triggers that it belongs to, and the mark of a simulation.

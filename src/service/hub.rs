@@ -2,8 +2,10 @@
 
 use super::camera;
 use super::clock::Clock;
+use super::focus::Focus;
 use super::inbox::Inbox;
 use super::ledger::{self, Keep};
+use super::lens;
 use super::recorder;
 use super::session::Closed;
 use super::state::{Actor, CameraState, Finished, Peer, Readiness, State};
@@ -12,8 +14,8 @@ use crate::command::{
     Authenticity, BootId, Decision, Event, FlightComputer, OrderNumber, Refusal, Sender, Situation, Stage, Step, Tick, Verdict,
 };
 use crate::image::ImageCounter;
+use crate::lens::{LensResult, LensState, RequestCounter, autofocus};
 use crate::settings::Settings;
-use crate::lens::{LensResult, LensState, RequestCounter};
 use crate::solve::Reason;
 use crate::wire::{Commands, Status};
 use std::sync::Arc;
@@ -158,6 +160,10 @@ pub struct Hub {
     pub ledger: Option<ledger::Handle>,
     /// Where requests to the camera go; `None` where there is none.
     pub camera: Option<camera::Handle>,
+    /// Asks the lens for things.
+    pub lens: lens::Handle,
+    /// The autofocus.
+    pub focus: Focus,
     /// Counts the wishes that the frame that is being solved be given up.
     pub abort_solver: watch::Sender<u32>,
     /// The settings of the start.
@@ -174,11 +180,13 @@ impl Hub {
         let mut inbox = self.inbox.open().await;
         let mut state = State::clone(&self.state.borrow());
         loop {
-            let lapse = state.charge.deadline().map(|tick| self.clock.started() + tick);
+            let at = |tick: Option<Tick>| tick.map(|tick| self.clock.started() + tick);
+            let (lapse, focus) = (at(state.charge.deadline()), at(self.focus.deadline()));
             tokio::select! {
                 biased;
                 Some(message) = inbox.recv() => self.take(&mut state, message),
                 () = sleep_until(lapse) => self.arbitrate(&mut state, Event::Time, Instant::now()),
+                () = sleep_until(focus) => self.tell_focus(&mut state, autofocus::Event::Time),
                 () = self.stop.cancelled() => return Ok(()),
             }
             self.state.send_replace(Arc::new(state.clone()));
@@ -234,7 +242,7 @@ impl Hub {
             ToHub::RecordLost => counters.records_lost = counters.records_lost.saturating_add(1),
             ToHub::DiskError => counters.disk_errors = counters.disk_errors.saturating_add(1),
             ToHub::Lens(lens) => state.lens = Arc::from(lens),
-            ToHub::LensResult { counter, result } => tracing::info!(counter = counter.0, ?result, "lens"),
+            ToHub::LensResult { counter, result } => self.take_lens_result(state, self.clock.uptime(), counter, &result),
             ToHub::Restarted(actor) => {
                 let count = counters.restarts.entry(actor).or_default();
                 *count = count.saturating_add(1);
@@ -263,7 +271,8 @@ impl Hub {
         {
             counters.records_lost = counters.records_lost.saturating_add(1);
         }
-        if outcome.reason != Reason::Skipped {
+        self.show_focus(state, &finished);
+        if finished.outcome.reason != Reason::Skipped {
             state.latest = Some(finished);
         }
     }
@@ -421,6 +430,8 @@ mod tests {
             clock: Clock::start(),
             ledger: None,
             camera: None,
+            lens: lens::Handle::new(mpsc::channel(1).0),
+            focus: Focus::new(&settings.focus),
             abort_solver: watch::channel(0).0,
             initial: settings,
             own: Handle::new(own),

@@ -27,6 +27,7 @@ mod clock;
 mod codec;
 mod file;
 mod flight_computer;
+mod focus;
 mod hub;
 mod inbox;
 mod index;
@@ -50,16 +51,17 @@ pub use file::{FileError, read_file};
 pub use flight_computer::{STATUS_PERIOD, Seen, Sighting, fly};
 pub use index::{IndexOrigin, Prepared, prepare};
 pub use lens::{Handle as LensHandle, SimulatedLens, ToLens};
-pub use parts::{Parts, PartsError, Stars, load_bad_pixels, load_catalogue};
+pub use parts::{Parts, PartsError, Stars, load_bad_pixels, load_catalogue, simulated_lens, simulated_sky};
 pub use session::Closed;
 pub use solver::{MakeSolver, Solve};
 pub use state::{Actor, CameraState, Counters, Ending, Finished, Peer, Readiness, Simulated, State};
 
 use crate::command::{Guard, Memory, UNDER_WAY};
 use crate::lens::Rules;
-use crate::settings::{LensKind, Settings};
+use crate::settings::Settings;
 use crate::wire::{Hello, Role};
 use camera::CameraActor;
+use focus::Focus;
 use hub::Hub;
 use keys::Keys;
 use ledger::{Ledger, LedgerActor};
@@ -121,9 +123,6 @@ pub enum StartError {
     /// A key cannot be had; in words, with the setting and the file.
     #[error("{0}")]
     Key(String),
-    /// Not a list of faults.
-    #[error("lens.simulated.faults: {0}")]
-    Faults(String),
     /// Not an address.
     #[error("network.peers: \"{0}\" is no IP address")]
     Peer(String),
@@ -192,28 +191,16 @@ pub async fn start(settings: Arc<Settings>) -> Result<Running, StartError> {
     start_with(settings, parts, listener)
 }
 
-/// Starts the service with the given camera and solver on a bound socket, and with the lens of the settings.
+/// Starts the service with the given camera, solver and lens on a bound socket. Where the settings have a simulated lens and the parts
+/// none, there is one that nobody looks at.
 ///
 /// # Errors
 /// See [`StartError`].
 pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) -> Result<Running, StartError> {
-    let lens = match settings.lens.kind {
-        LensKind::Simulated => Some(SimulatedLens::new(&settings.lens, settings.simulate.seed).map_err(StartError::Faults)?),
-        LensKind::Serial | LensKind::None => None,
+    let lens = match parts.lens {
+        Some(lens) => Some(lens),
+        None => simulated_lens(&settings)?,
     };
-    start_with_lens(settings, parts, lens, socket)
-}
-
-/// As [`start_with`], with a simulated lens that others may look at; without one, with the lens of the settings if it is real.
-///
-/// # Errors
-/// See [`StartError`].
-pub fn start_with_lens(
-    settings: Arc<Settings>,
-    parts: Parts,
-    lens: Option<SimulatedLens>,
-    socket: TcpListener,
-) -> Result<Running, StartError> {
     let address = socket.local_addr().map_err(|error| StartError::Listen { address: settings.network.listen.clone(), error })?;
     let allowed = addresses(&settings.network.peers)?;
     let clock = Clock::start();
@@ -228,6 +215,7 @@ pub fn start_with_lens(
     let (to_recorder, recorder_inbox) = inbox::channel(RECORDER_INBOX);
     let (to_ledger, ledger_inbox) = inbox::channel(UNDER_WAY);
     let (to_camera, camera_inbox) = inbox::channel(CAMERA_INBOX);
+    let (to_lens, lens_inbox) = inbox::channel(LENS_INBOX);
     let (abort_solver, abort) = watch::channel(0);
     let hub = hub::Handle::new(to_hub);
     let backoff = Backoff::new(&settings.service);
@@ -254,6 +242,8 @@ pub fn start_with_lens(
     let owner = Hub {
         ledger: keeps_counters.then_some(to_ledger),
         camera: parts.camera.is_some().then_some(to_camera),
+        lens: LensHandle::new(to_lens.clone()),
+        focus: Focus::new(&settings.focus),
         abort_solver,
         initial: Arc::clone(&settings),
         own: hub.clone(),
@@ -293,7 +283,6 @@ pub fn start_with_lens(
     };
     let door = listener.clone();
     watchman.keep(&edges, Actor::Listener, move || door.clone().run());
-    let (to_lens, lens_inbox) = inbox::channel(LENS_INBOX);
     let lens_actor = LensActor {
         inbox: lens_inbox,
         hub: hub.clone(),

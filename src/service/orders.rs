@@ -4,6 +4,7 @@ use super::camera::ToCamera;
 use super::hub::{Hub, ToHub};
 use super::state::{Ending, State};
 use crate::command::{self, Command, OrderNumber, Refusal, Stage, Tick};
+use crate::lens::{AperturePosition, FocusCounts, LensCommand, LensError, LensResult, RequestCounter, autofocus};
 use std::path::Path;
 use std::process::Stdio;
 use std::sync::Arc;
@@ -16,8 +17,10 @@ const PROGRAM_ENDS_WITHIN: Duration = Duration::from_secs(60);
 enum Done {
     /// It is done.
     Now(String),
-    /// Its result comes as a message.
+    /// It has begun, and its result comes as a message.
     Later,
+    /// That it begins comes as a message too.
+    Asked,
     /// It cannot be done.
     Not(Refusal, String),
 }
@@ -37,6 +40,7 @@ impl Hub {
         let (stage, why, words) = match done {
             Done::Now(words) => (Stage::Completed, None, words),
             Done::Later => (Stage::Started, None, String::new()),
+            Done::Asked => return,
             Done::Not(why, words) => (Stage::Failed, Some(why), words),
         };
         state.desk.report(now, number, stage, why, words);
@@ -60,7 +64,21 @@ impl Hub {
             Command::KnownGood {} => {
                 state.adopt(Arc::clone(&self.initial), &self.initial);
                 state.desk.disarm();
-                Done::Now("flight defaults, lens at rest".to_owned())
+                self.stop_lens(state, number)
+            }
+            Command::StopLens {} => self.stop_lens(state, number),
+            Command::RunFocus {} | Command::AdviseFocus {} | Command::Refocus { .. } => {
+                match self.begin_focus(state, number, command) {
+                    Ok(()) => Done::Later,
+                    Err((why, words)) => Done::Not(why, words),
+                }
+            }
+            Command::AbortFocus { use_result } => {
+                if !self.focus.is_running() {
+                    return Done::Now("no autofocus was under way".to_owned());
+                }
+                self.tell_focus(state, autofocus::Event::Abort { use_result });
+                Done::Now(String::new())
             }
             Command::AbortSolver {} => {
                 self.abort_solver.send_modify(|count| *count = count.wrapping_add(1));
@@ -71,8 +89,55 @@ impl Hub {
                 state.camera_gain = None;
                 self.ask_camera(ToCamera::SetGain(number, gain_db))
             }
-            _ => Done::Not(Refusal::NotAvailable, "nothing carries this out yet".to_owned()),
+            _ => match lens_command(&command) {
+                Some(asked) if asked.moves_focus() && self.focus.is_running() => {
+                    Done::Not(Refusal::Busy, "an autofocus is under way: focus.abort ends it".to_owned())
+                }
+                Some(asked) => self.ask_lens_for(state, number, asked),
+                None => Done::Not(Refusal::NotAvailable, "nothing carries this out yet".to_owned()),
+            },
         }
+    }
+
+    /// Lets nothing more move: the autofocus ends, and the lens sends nothing more that moves.
+    fn stop_lens(&self, state: &mut State, number: OrderNumber) -> Done {
+        let done = self.ask_lens_for(state, number, LensCommand::Stop);
+        self.tell_focus(state, autofocus::Event::Stop);
+        done
+    }
+
+    fn ask_lens_for(&self, state: &mut State, number: OrderNumber, command: LensCommand) -> Done {
+        match self.ask_lens(state, RequestCounter(number.0), command) {
+            Ok(()) => Done::Asked,
+            Err(error) => Done::Not(Refusal::Busy, error.to_string()),
+        }
+    }
+
+    /// Sends a request to the lens. Until it is answered, what it may change is not known.
+    pub(super) fn ask_lens(&self, state: &mut State, counter: RequestCounter, command: LensCommand) -> Result<(), LensError> {
+        self.lens.request(counter, command)?;
+        state.lens_requests.insert(counter, command);
+        Ok(())
+    }
+
+    /// An answer of the lens: to a request of the autofocus, or to an order.
+    pub(super) fn take_lens_result(&self, state: &mut State, now: Tick, counter: RequestCounter, result: &LensResult) {
+        tracing::info!(request = counter.0, ?result, "lens");
+        let asked = match result {
+            LensResult::Started => state.lens_requests.get(&counter).copied(),
+            _ => state.lens_requests.remove(&counter),
+        };
+        if self.take_own_move(state, counter, result) {
+            return;
+        }
+        let is_stop = asked == Some(LensCommand::Stop);
+        let (stage, why, words) = match result {
+            LensResult::Started => (Stage::Started, None, String::new()),
+            LensResult::Completed => (Stage::Completed, None, asked.map_or_else(String::new, |asked| state.lens_words(asked))),
+            LensResult::Failed(LensError::NotThere) if is_stop => (Stage::Completed, None, "there is no lens".to_owned()),
+            LensResult::Failed(error) => (Stage::Failed, Some(why_failed(error)), error.to_string()),
+        };
+        state.desk.report(now, OrderNumber(counter.0), stage, why, words);
     }
 
     fn ask_camera(&self, request: ToCamera) -> Done {
@@ -94,6 +159,30 @@ impl Hub {
             hub.tell(ToHub::Program { number, result }).await;
         });
         Done::Later
+    }
+}
+
+/// What a command asks the lens, where it asks it for something.
+fn lens_command(command: &Command) -> Option<LensCommand> {
+    Some(match *command {
+        Command::FlushLens {} => LensCommand::Flush,
+        Command::InitFocus {} => LensCommand::InitFocus,
+        Command::GetFocus {} => LensCommand::GetFocus,
+        Command::SetFocus { position_counts } => LensCommand::SetFocus(FocusCounts(position_counts)),
+        Command::MoveFocus { step_counts } => LensCommand::MoveFocus(step_counts),
+        Command::InitAperture {} => LensCommand::InitAperture,
+        Command::GetAperture {} => LensCommand::GetAperture,
+        Command::SetAperture { position_counts } => LensCommand::SetAperture(AperturePosition(position_counts)),
+        _ => return None,
+    })
+}
+
+fn why_failed(error: &LensError) -> Refusal {
+    match error {
+        LensError::Stopped => Refusal::Stopped,
+        LensError::Busy => Refusal::Busy,
+        LensError::OutOfRange { .. } => Refusal::OutOfRange,
+        _ => Refusal::Device,
     }
 }
 

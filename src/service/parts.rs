@@ -4,11 +4,12 @@ use super::camera::MakeSource;
 use super::clock::Clock;
 use super::file::{FileError, read_file};
 use super::index::prepare;
+use super::lens::SimulatedLens;
 use super::solver::{MakeSolver, Solve};
 use crate::camera::{CameraError, Directory, Moment, SimulatedSky, Source};
 use crate::catalog::{Catalogue, MAX_FILE_BYTES};
 use crate::image::{BadPixels, BadPixelsError, Frame};
-use crate::settings::{CameraKind, NO_ARAVIS, Settings};
+use crate::settings::{CameraKind, LensKind, NO_ARAVIS, Settings};
 use crate::solve::{Outcome, Prior, Report, Solver, Watch};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -20,6 +21,8 @@ pub struct Parts {
     pub camera: Option<MakeSource>,
     /// Makes solvers.
     pub solver: MakeSolver,
+    /// The simulated lens, where the settings have one.
+    pub lens: Option<SimulatedLens>,
 }
 
 /// Why the settings' parts cannot be had.
@@ -28,6 +31,9 @@ pub enum PartsError {
     /// A camera that cannot be driven.
     #[error("camera.kind {NO_ARAVIS}")]
     NoDriver,
+    /// Not a list of faults.
+    #[error("lens.simulated.faults: {0}")]
+    Faults(String),
     /// The list of bad pixels cannot be read.
     #[error("solver.sources.bad_pixels_file: {0}")]
     List(#[from] FileError),
@@ -51,6 +57,7 @@ impl Parts {
     /// As there.
     pub fn with_stars(settings: &Arc<Settings>, stars: &Stars) -> Result<Self, PartsError> {
         let bad_pixels = Arc::new(load_bad_pixels(settings)?);
+        let lens = simulated_lens(settings)?;
         let camera = match settings.camera.kind {
             CameraKind::None => None,
             CameraKind::Aravis => return Err(PartsError::NoDriver),
@@ -59,13 +66,35 @@ impl Parts {
                 Some(mended(bad_pixels, move || Ok(Directory::new(&settings.camera))))
             }
             CameraKind::Sky => {
-                let (settings, stars) = (Arc::clone(settings), stars.clone());
-                let make = move || SimulatedSky::new(&settings, stars.load()?).map_err(|error| error.to_string());
+                let (settings, stars, lens) = (Arc::clone(settings), stars.clone(), lens.clone());
+                let make = move || simulated_sky(&settings, &stars, lens.as_ref());
                 Some(mended(bad_pixels, make))
             }
         };
-        Ok(Self { camera, solver: solver(Arc::clone(settings), stars.clone()) })
+        Ok(Self { camera, solver: solver(Arc::clone(settings), stars.clone()), lens })
     }
+}
+
+/// The simulated lens, where the settings have one.
+///
+/// # Errors
+/// Where its list of faults is none.
+pub fn simulated_lens(settings: &Settings) -> Result<Option<SimulatedLens>, PartsError> {
+    let simulated = settings.lens.kind == LensKind::Simulated;
+    let lens = simulated.then(|| SimulatedLens::new(&settings.lens, settings.simulate.seed));
+    lens.transpose().map_err(PartsError::Faults)
+}
+
+/// The simulated sky behind a simulated lens, where there is one.
+///
+/// # Errors
+/// Where the catalogue cannot be had, or `simulate.kind` is no kind of frame.
+pub fn simulated_sky(settings: &Settings, stars: &Stars, lens: Option<&SimulatedLens>) -> Result<SimulatedSky, String> {
+    let sky = SimulatedSky::new(settings, stars.load()?).map_err(|error| error.to_string())?;
+    Ok(match lens.cloned() {
+        Some(lens) => sky.behind(settings, move || lens.true_focus()),
+        None => sky,
+    })
 }
 
 /// A source whose frames have their bad pixels replaced.

@@ -1,9 +1,10 @@
 //! The state: one immutable snapshot of all that is true now. The hub alone makes it; everybody else reads the newest.
 
 use super::session::Closed;
-use crate::command::{BootId, Desk, FlightComputer, Focus, Guard, InCharge, Lease};
+use crate::command::{BootId, Desk, FlightComputer, Focus, Guard, InCharge, Lease, Tick};
 use crate::image::{ImageCounter, TriggerCounter};
-use crate::lens::{Doubt, LensState};
+use crate::lens::autofocus::{Autofocus, AutofocusRules, AutofocusStatus};
+use crate::lens::{AperturePosition, Doubt, FocusCounts, LensCommand, LensState, RequestCounter};
 use crate::settings::{CameraKind, LensKind, ObserverSettings, Settings};
 use crate::sky::Observer;
 use crate::solve::{Outcome, Prior, Report};
@@ -21,8 +22,12 @@ pub struct State {
     pub readiness: Readiness,
     /// What the camera does.
     pub camera: CameraState,
-    /// What is known of the lens.
+    /// What the lens's actor says of the lens; [`State::focus_known`] and [`State::aperture_known`] say what can be shown.
     pub lens: Arc<LensState>,
+    /// Requests to the lens that are not answered to their end.
+    pub lens_requests: BTreeMap<RequestCounter, LensCommand>,
+    /// What the autofocus is at.
+    pub autofocus: Arc<AutofocusStatus>,
     /// The frame that is being solved.
     pub solving: Option<ImageCounter>,
     /// The last frame that ended in an outcome; one that was only skipped is counted and not shown here.
@@ -183,6 +188,8 @@ impl State {
             readiness: Readiness::Starting,
             camera: CameraState::Idle,
             lens: Arc::new(LensState::unknown(Doubt::NeverRead)),
+            lens_requests: BTreeMap::new(),
+            autofocus: Arc::new(Autofocus::new(AutofocusRules::new(&settings.focus)).status(Tick::ZERO)),
             solving: None,
             latest: None,
             peers: Vec::new(),
@@ -210,9 +217,30 @@ impl State {
         self.peers.iter().any(|peer| peer.computer == computer && peer.connection == connection)
     }
 
+    /// Where the focus is; known only where every request that concerns it has been answered.
+    pub fn focus_known(&self) -> Option<FocusCounts> {
+        let asked = self.lens_requests.values().any(|command| command.concerns_focus());
+        self.lens.focus.value().filter(|_| !asked)
+    }
+
+    /// Where the aperture is, as [`Self::focus_known`].
+    pub fn aperture_known(&self) -> Option<AperturePosition> {
+        let asked = self.lens_requests.values().any(|command| command.concerns_aperture());
+        self.lens.aperture.value().filter(|_| !asked)
+    }
+
+    /// What a request to the lens has led to, in words.
+    pub fn lens_words(&self, command: LensCommand) -> String {
+        match (command.concerns_focus(), command.concerns_aperture()) {
+            (true, _) => self.lens.focus.value().map_or_else(String::new, |at| format!("focus at {at} counts")),
+            (_, true) => self.lens.aperture.value().map_or_else(String::new, |at| format!("aperture at {at}")),
+            _ => String::new(),
+        }
+    }
+
     /// Where the focus is, to tell a large move.
     pub fn focus(&self) -> Focus {
-        Focus { position: self.lens.focus.value().map(|counts| counts.0), large_move: self.settings.lens.large_move_counts }
+        Focus { position: self.focus_known().map(|counts| counts.0), large_move: self.settings.lens.large_move_counts }
     }
 
     /// Puts other settings in force.

@@ -35,6 +35,8 @@ pub fn compose(state: &State, shared: &Shared, computer: FlightComputer, sequenc
         camera: camera(state),
         image: image(state, shared, now).into(),
         control: control(state, shared, computer),
+        lens: wire::Lens::new(&state.lens, state.lens_requests.len()),
+        focus: wire::Focus::new(&state.autofocus),
     }
 }
 

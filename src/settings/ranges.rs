@@ -104,6 +104,7 @@ pub(super) const RULES: &[Rule] = &[
     number("simulate.scan_rate_deg_s", "deg/s", 0.0, 10.0),
     number("simulate.scan_amplitude_deg", "deg", 0.0, 180.0),
     number("simulate.latitude_deg", "deg", -90.0, 90.0),
+    whole("simulate.best_focus_counts", "encoder counts", 0, 65_535),
     word("lens.kind", Kind::Choice(LENSES)),
     word("lens.port", Kind::Path),
     whole("lens.baud", "baud", 300, 4_000_000),

@@ -95,6 +95,8 @@ pub struct SimulateSettings {
     pub scan_amplitude_deg: f64,
     /// Latitude of the simulated observer, deg.
     pub latitude_deg: f64,
+    /// Where the simulated lens is in focus, encoder counts.
+    pub best_focus_counts: i32,
 }
 
 /// What stands behind the lens port.

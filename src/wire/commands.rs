@@ -29,6 +29,7 @@ codes!(Refusal {
     16 Device "device",
     17 Program "program",
     18 Dialect "dialect",
+    19 NoResult "no_result",
 });
 
 codes!(Stage {
@@ -107,7 +108,7 @@ body! {
         /// Counters of commands are kept on disk, so that none runs again after a restart.
         counters_kept: bool => "";
         /// Commands refused since the camera's start, by the codes of `last_refusal`.
-        refused: List<U32Le, 18> => "";
+        refused: List<U32Le, 19> => "";
         /// Settings that commands have changed from the values of the start.
         settings_commanded: U16Le => "";
         /// How many of the replies below there are.

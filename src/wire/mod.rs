@@ -6,7 +6,7 @@
 //! (`body!`), and its [`Table`] comes out of that same declaration; checks, JSON and everything in `proto/` are made from
 //! the table, so that none of them can drift apart.
 //!
-//! Pure: bytes in, messages out. Uses `settings`, `sky`, `image`, `solve`, `command` and serde, postcard, bytes and crc.
+//! Pure: bytes in, messages out. Uses `settings`, `sky`, `image`, `solve`, `command`, `lens` and serde, postcard, bytes and crc.
 
 mod code;
 mod commands;
@@ -15,6 +15,7 @@ mod frame;
 mod gyro;
 mod hello;
 mod image_part;
+mod instrument;
 mod json;
 mod layout;
 mod message;
@@ -30,6 +31,7 @@ pub use element::{Element, I32Le, List, Maybe, Text, U16Le, U32Le};
 pub use frame::{MAX_FRAME, OVERHEAD, SYNC};
 pub use gyro::{Exposure, Gyro, Rates};
 pub use hello::{Hello, MAGIC, Role};
+pub use instrument::{Best, Focus, FocusEnding, FocusRange, Lens, WidthEstimate};
 pub use layout::{Field, Form, Scalar, Table};
 pub use message::{
     Kind, MAX_GARBAGE, Message, PROTOCOL_CURRENT, PROTOCOL_MIN, Reader, WireError, decode_all, schema_hash, tables,

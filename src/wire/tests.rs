@@ -156,11 +156,14 @@ fn a_body_cut_at_any_byte_or_too_long_is_refused() {
     for kind in Kind::ALL {
         let body = random_message(kind, 2).body().unwrap();
         for end in 0..body.len() {
-            let error = Message::decode(kind as u8, 1, &body[..end]).unwrap_err();
+            let error = Message::decode(kind as u8, PROTOCOL_CURRENT, &body[..end]).unwrap_err();
             assert!(matches!(error, WireError::BadBody(BodyError::Length { .. })), "{error}");
         }
         let longer = [&body[..], &[0]].concat();
-        assert!(matches!(Message::decode(kind as u8, 1, &longer), Err(WireError::BadBody(BodyError::Length { .. }))));
+        assert!(matches!(
+            Message::decode(kind as u8, PROTOCOL_CURRENT, &longer),
+            Err(WireError::BadBody(BodyError::Length { .. }))
+        ));
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::commands::Control;
 use super::element::body;
+use super::instrument::{Focus, Lens};
 use super::status::ObserverPart;
 use super::{Coded, I32Le, List, Maybe, Text, U16Le, U32Le};
 use crate::command::Refusal;
@@ -25,6 +26,10 @@ body! {
         image: Maybe<Image> => "";
         /// What became of commands. From version 2 on.
         control: Control => "";
+        /// What is known of the lens besides where it is. From version 2 on.
+        lens: Lens => "";
+        /// The autofocus. From version 2 on.
+        focus: Focus => "";
     }
 }
 

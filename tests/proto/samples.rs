@@ -121,11 +121,13 @@ fn update(image: Option<Image>) -> Update {
         },
         image: image.into(),
         control: if known { control() } else { Control::default() },
+        lens: if known { lens() } else { Lens::default() },
+        focus: if known { focus() } else { Focus::default() },
     }
 }
 
 fn control() -> Control {
-    let refused: Vec<_> = (1..=18).map(|count: u32| (count * 1_000_003).into()).collect();
+    let refused: Vec<_> = (1..=19).map(|count: u32| (count * 1_000_003).into()).collect();
     let reply = |serial: u32, stage: Stage, why: Option<stars::command::Refusal>, words: &str| CommandReply {
         serial: serial.into(),
         flight_computer: 2,
@@ -152,6 +154,43 @@ fn control() -> Control {
         reply(7, Stage::Completed, None, "at 3030 counts"),
         reply(8, Stage::Rejected, Some(stars::command::Refusal::NotInCharge), "its computer does not hold the lease"),
     ])
+}
+
+fn lens() -> Lens {
+    let range = FocusRange { focus_nearest_counts: (-7).into(), focus_furthest_counts: 4200.into() };
+    Lens {
+        lens_connected: true,
+        lens_moving: false,
+        lens_stopped: true,
+        focus_doubt: Some(stars::lens::Doubt::PowerCycled).into(),
+        aperture_doubt: Maybe::unknown(),
+        focus_range: Some(range).into(),
+        lens_requests: 2,
+        lens_errors: 70_020.into(),
+        lens_last_error: Text::new("no reply to fp in time"),
+    }
+}
+
+fn focus() -> Focus {
+    let best = Best { best_focus_counts: 3031.25, sigma_best_focus_counts: 1.5, best_focus_drift_counts_min: -0.75 };
+    let estimate = WidthEstimate {
+        star_width_px: 2.375,
+        focus_distance_counts: 41.5,
+        sigma_focus_distance_counts: 6.25,
+        focus_distance_calibrated: true,
+        star_width_px_per_hour: Some(-0.125).into(),
+        star_width_px_per_kelvin: Maybe::unknown(),
+    };
+    Focus {
+        autofocus_mode: stars::lens::autofocus::Mode::Grace.into(),
+        autofocus_requested_counts: Some(3031).into(),
+        autofocus_run_age_s: Some(612.5).into(),
+        autofocus_time_left_s: Maybe::unknown(),
+        autofocus_images: 517.into(),
+        autofocus_best: Some(best).into(),
+        autofocus_ending: Some(FocusEnding::EdgeHigh).into(),
+        focus_estimate: Some(estimate).into(),
+    }
 }
 
 fn commands() -> Commands {

@@ -39,7 +39,7 @@ async fn both_computers_get_every_update_while_the_solver_is_busy() {
     let mut settings = settings();
     settings.network.update_period_s = 0.1;
     settings.camera.period_s = 0.05;
-    let running = start(settings, Parts { camera: plain_camera(), solver: busy }).await;
+    let running = start(settings, Parts { camera: plain_camera(), solver: busy, lens: None }).await;
     until(&running, |state| state.solving.is_some()).await;
     let mut peers = [Peer::connect(running.address).await.greet(1).await, Peer::connect(running.address).await.greet(2).await];
     for n in 0..20 {
@@ -67,7 +67,7 @@ async fn every_frame_ends_in_one_outcome_and_the_newest_waits() {
     settings.camera.period_s = 0.02;
     settings.record.enabled = true;
     settings.record.directory = directory.path().join("made").display().to_string();
-    let running = start(settings, Parts { camera: plain_camera(), solver: slow }).await;
+    let running = start(settings, Parts { camera: plain_camera(), solver: slow, lens: None }).await;
     until(&running, |state| state.counters.frames_skipped >= 5).await;
     for _ in 0..3 {
         release.send(()).unwrap();
@@ -94,7 +94,7 @@ async fn a_solver_that_panics_fails_its_frame_and_the_next_is_solved() {
         no_match(&frame.stamp)
     });
     let frames = Arc::new(AtomicU32::new(1));
-    let running = start(settings(), Parts { camera: camera_of(&frames), solver: fragile }).await;
+    let running = start(settings(), Parts { camera: camera_of(&frames), solver: fragile, lens: None }).await;
     let failed = until(&running, |state| latest(state).is_some()).await;
     let outcome = latest(&failed).unwrap();
     assert_eq!((outcome.stamp.image, outcome.reason), (ImageCounter(0), Reason::Failed));
@@ -118,7 +118,7 @@ async fn a_frame_that_is_too_old_is_given_up() {
     });
     let mut settings = settings();
     settings.solver.timeout_s = 0.3;
-    let running = start(settings, Parts { camera: plain_camera(), solver: endless }).await;
+    let running = start(settings, Parts { camera: plain_camera(), solver: endless, lens: None }).await;
     let state = until(&running, |state| latest(state).is_some()).await;
     assert_eq!(latest(&state).unwrap().reason, Reason::TimedOut);
     assert!(state.latest.as_ref().unwrap().captured.elapsed() >= Duration::from_millis(300));
@@ -137,7 +137,7 @@ async fn a_solver_that_does_not_stop_when_told_is_left_behind() {
     let mut settings = settings();
     settings.solver.timeout_s = 0.1;
     let frames = Arc::new(AtomicU32::new(1));
-    let running = start(settings, Parts { camera: camera_of(&frames), solver: deaf }).await;
+    let running = start(settings, Parts { camera: camera_of(&frames), solver: deaf, lens: None }).await;
     let state = until(&running, |state| latest(state).is_some()).await;
     let outcome = latest(&state).unwrap();
     assert_eq!((outcome.stamp.image, outcome.reason), (ImageCounter(0), Reason::Failed));
@@ -172,7 +172,7 @@ async fn an_actor_that_breaks_is_started_again_and_counted_and_nobody_else_notic
     });
     let mut settings = settings();
     settings.service.restart_delay_s = 0.01;
-    let running = start(settings, Parts { camera: Some(camera), solver: plain_solver() }).await;
+    let running = start(settings, Parts { camera: Some(camera), solver: plain_solver(), lens: None }).await;
     let mut peer = Peer::connect(running.address).await.greet(1).await;
     let update = peer.update_where(|update| update.image.get().is_some()).await;
     assert_eq!(update.counters.restarts_camera.get(), 3);
@@ -185,7 +185,7 @@ async fn an_image_that_breaks_the_reader_is_unreadable_and_the_next_is_taken() {
         assert!(moment.image.0 != 1, "a pixel of no colour");
         Ok(frame())
     });
-    let running = start(settings(), Parts { camera: hostile, solver: plain_solver() }).await;
+    let running = start(settings(), Parts { camera: hostile, solver: plain_solver(), lens: None }).await;
     let state = until(&running, |state| latest(state).is_some_and(|outcome| outcome.stamp.image.0 >= 2)).await;
     assert_eq!((state.counters.frames_unreadable, restarts(&state, Actor::Camera)), (1, 0));
 }
@@ -197,7 +197,7 @@ async fn a_camera_without_images_is_told_and_asked_again() {
         0..=1 => Err(CameraError::Unavailable("the bus is reset".to_owned())),
         _ => Ok(frame()),
     });
-    let running = start(settings(), Parts { camera: late, solver: plain_solver() }).await;
+    let running = start(settings(), Parts { camera: late, solver: plain_solver(), lens: None }).await;
     until(&running, |state| state.camera == CameraState::Unavailable("the bus is reset".to_owned())).await;
     let state = until(&running, |state| state.camera == CameraState::Working && latest(state).is_some()).await;
     assert_eq!(latest(&state).unwrap().stamp.image, ImageCounter(0), "what was no image took a number");
@@ -215,7 +215,7 @@ async fn a_dead_disk_is_counted_stops_nobody_and_is_used_again_when_it_is_back()
     settings.record.enabled = true;
     settings.record.queue_frames = 4;
     settings.record.directory = blocked.display().to_string();
-    let running = start(settings, Parts { camera: plain_camera(), solver: plain_solver() }).await;
+    let running = start(settings, Parts { camera: plain_camera(), solver: plain_solver(), lens: None }).await;
     let state = until(&running, |state| state.counters.records_lost >= 10 && state.counters.disk_errors >= 2).await;
     assert_eq!(state.counters.records_written, 0);
     assert!(state.counters.frames_taken >= 10, "the camera was held up");
@@ -237,7 +237,7 @@ async fn records_whose_file_was_removed_go_on_in_a_new_one() {
     settings.camera.period_s = 0.02;
     settings.record.enabled = true;
     settings.record.directory = records.display().to_string();
-    let running = start(settings, Parts { camera: plain_camera(), solver: plain_solver() }).await;
+    let running = start(settings, Parts { camera: plain_camera(), solver: plain_solver(), lens: None }).await;
     until(&running, |state| state.counters.records_written >= 3).await;
     let file = std::fs::read_dir(&records).unwrap().next().unwrap().unwrap().path();
     std::fs::remove_file(&file).unwrap();
@@ -256,7 +256,7 @@ async fn the_priors_of_the_computer_in_charge_go_with_the_frame() {
         record.lock().unwrap().push(prior.clone());
         no_match(&frame.stamp)
     });
-    let running = start(settings(), Parts { camera: plain_camera(), solver: watching }).await;
+    let running = start(settings(), Parts { camera: plain_camera(), solver: watching, lens: None }).await;
     let mut idle = Peer::connect(running.address).await.greet(1).await;
     let mut charged = Peer::connect(running.address).await.greet(2).await;
     let estimate = |az_deg| Some(HorizontalEstimate { az_deg, el_deg: 40.0 }).into();
@@ -306,7 +306,7 @@ async fn what_a_solution_showed_goes_with_the_next_frame_and_a_solver_that_broke
         assert!(frame.stamp.image != ImageCounter(1), "an image that breaks the solver");
         solved(frame)
     });
-    let running = start(settings(), Parts { camera: plain_camera(), solver: telling }).await;
+    let running = start(settings(), Parts { camera: plain_camera(), solver: telling, lens: None }).await;
     until(&running, |state| state.counters.frames_solved >= 2).await;
     let priors = seen.lock().unwrap();
     assert_eq!((priors[0].attitude, priors[0].lens), (None, None), "the first frame is lost in space");
@@ -339,7 +339,7 @@ async fn the_service_stops_within_two_seconds_in_the_middle_of_everything() {
     });
     let mut settings = settings();
     settings.camera.period_s = 0.02;
-    let running = start(settings, Parts { camera: stuck, solver: endless }).await;
+    let running = start(settings, Parts { camera: stuck, solver: endless, lens: None }).await;
     let mut peer = Peer::connect(running.address).await.greet(1).await;
     until(&running, |state| state.counters.frames_taken == 3).await;
     let state = running.state.clone();
@@ -362,7 +362,7 @@ async fn it_stops_at_once_while_a_solver_is_being_made_and_the_frame_that_waits_
         ready()
     });
     let frames = Arc::new(AtomicU32::new(1));
-    let running = start(settings(), Parts { camera: camera_of(&frames), solver: slow }).await;
+    let running = start(settings(), Parts { camera: camera_of(&frames), solver: slow, lens: None }).await;
     let state = until(&running, |state| state.counters.frames_taken == 1).await;
     assert_eq!(state.readiness, Readiness::Starting);
     let state = running.state.clone();

@@ -28,6 +28,7 @@ pub fn settings() -> Settings {
     settings.camera.period_s = 0.2;
     settings.catalog.cache_directory = String::new();
     settings.record.enabled = false;
+    settings.commands.ledger_directory = String::new();
     settings
 }
 
@@ -96,7 +97,7 @@ pub async fn start(settings: Settings, parts: Parts) -> Running {
 
 /// A service without a camera, for tests of connections.
 pub async fn start_without_camera(settings: Settings) -> Running {
-    start(settings, Parts { camera: None, solver: plain_solver() }).await
+    start(settings, Parts { camera: None, solver: plain_solver(), lens: None }).await
 }
 
 /// A flight computer's end of a connection.

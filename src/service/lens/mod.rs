@@ -112,11 +112,7 @@ impl LensActor {
         let mut control = Control::new(self.rules.clone());
         let mut told: Option<LensState> = None;
         loop {
-            let state = control.state();
-            if told.as_ref() != Some(&state) {
-                self.hub.tell(ToHub::Lens(Box::new(state.clone()))).await;
-                told = Some(state);
-            }
+            self.tell(&control, &mut told).await;
             let deadline = control.deadline().map(|tick| self.clock.started() + tick);
             let event = tokio::select! {
                 biased;
@@ -125,7 +121,7 @@ impl LensActor {
                 event = outside.next() => event,
                 () = hub::sleep_until(deadline) => Event::Time,
             };
-            self.carry_out(&mut control, event, &mut outside).await;
+            self.carry_out(&mut control, event, &mut outside, &mut told).await;
         }
     }
 
@@ -142,8 +138,17 @@ impl LensActor {
         Event::Requests(all)
     }
 
-    /// Tells the machine, and does what it wants.
-    async fn carry_out(&self, control: &mut Control, event: Event, outside: &mut Outside) {
+    /// Tells what is known of the lens, where that changed.
+    async fn tell(&self, control: &Control, told: &mut Option<LensState>) {
+        let state = control.state();
+        if told.as_ref() != Some(&state) {
+            self.hub.tell(ToHub::Lens(Box::new(state.clone()))).await;
+            *told = Some(state);
+        }
+    }
+
+    /// Tells the machine, and does what it wants. An answer comes after what it is about: whoever gets it knows where the lens is.
+    async fn carry_out(&self, control: &mut Control, event: Event, outside: &mut Outside, told: &mut Option<LensState>) {
         let mut event = Some(event);
         while let Some(now) = event.take() {
             for action in control.on(self.clock.tick(Instant::now()), now) {
@@ -151,7 +156,10 @@ impl LensActor {
                     Action::Open { nth } => outside.open(nth),
                     Action::Close => outside.port = None,
                     Action::Send(bytes) => event = outside.send(&bytes).err().map(|why| Event::Lost { why }).or(event),
-                    Action::Answer { counter, result } => self.answer(counter, result).await,
+                    Action::Answer { counter, result } => {
+                        self.tell(control, told).await;
+                        self.answer(counter, result).await;
+                    }
                 }
             }
         }

@@ -1,0 +1,225 @@
+//! Commands from the flight computer's end: sent by the simulated one, seen to take effect, seen in the updates.
+
+use crate::support::{PATIENCE, plain_camera, plain_solver, settings, start};
+use stars::command::{Act, Command, Definition, Hazard, MAX_VALUES, Refusal, Stage};
+use stars::lens::{LensCommand, RequestCounter};
+use stars::service::{LensHandle, Parts, Running, Seen, Sighting, fly};
+use stars::settings::{LensKind, Settings};
+use stars::simulate::FlightComputer;
+use stars::wire::{CommandReply, Update};
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio::time::timeout;
+
+/// A flight computer in charge, and what it has seen.
+struct Ground {
+    orders: mpsc::Sender<(Act, Command)>,
+    sightings: mpsc::Receiver<Sighting>,
+    id: u8,
+    last: Option<Box<Update>>,
+}
+
+impl Ground {
+    fn of(running: &Running, id: u8, in_charge: bool) -> Self {
+        let mut computer = FlightComputer::new(id, 1000 + u32::from(id));
+        computer.claims_charge = in_charge;
+        Self::fly(running, computer)
+    }
+
+    fn fly(running: &Running, computer: FlightComputer) -> Self {
+        let ((orders, ground), (sender, sightings)) = (mpsc::channel(64), mpsc::channel(256));
+        let id = computer.id;
+        tokio::spawn(fly(computer, running.address.to_string(), Duration::from_millis(100), ground, sender));
+        Self { orders, sightings, id, last: None }
+    }
+
+    /// The next reply to a command of this computer.
+    async fn reply(&mut self) -> CommandReply {
+        loop {
+            let sighting = timeout(PATIENCE, self.sightings.recv()).await.expect("no reply in time").unwrap();
+            match sighting.seen {
+                Seen::Reply(reply) if reply.flight_computer == self.id => return *reply,
+                Seen::Unanswered(given) => panic!("not answered: {given:?}"),
+                Seen::Update(update) => self.last = Some(update),
+                _ => {}
+            }
+        }
+    }
+
+    /// Gives a command and waits for its last reply.
+    async fn give(&mut self, act: Act, text: &str) -> (Vec<Stage>, CommandReply) {
+        let command = Command::parse(text).unwrap();
+        self.orders.send((act, command)).await.unwrap();
+        let mut stages = Vec::new();
+        loop {
+            let reply = self.reply().await;
+            if reply.command != command.code() {
+                continue;
+            }
+            let stage = reply.stage.get().unwrap();
+            stages.push(stage);
+            if stage.is_last() {
+                return (stages, reply);
+            }
+        }
+    }
+
+    async fn run(&mut self, text: &str) -> (Vec<Stage>, CommandReply) {
+        let (stages, reply) = self.give(Act::Run, text).await;
+        if reply.why.value() != Some(Refusal::NotArmed) {
+            return (stages, reply);
+        }
+        assert_eq!(self.give(Act::Arm, text).await.0, [Stage::Accepted, Stage::Completed], "arming {text}");
+        self.give(Act::Fire, text).await
+    }
+
+    /// An update after now for which something holds.
+    async fn update(&mut self, holds: impl Fn(&Update) -> bool) -> Box<Update> {
+        loop {
+            let sighting = timeout(PATIENCE, self.sightings.recv()).await.expect("no such update in time").unwrap();
+            if let Seen::Update(update) = sighting.seen
+                && holds(&update)
+            {
+                return update;
+            }
+        }
+    }
+}
+
+/// A quick simulated lens, and a camera without stars.
+fn lens_settings() -> Settings {
+    let mut settings = settings();
+    settings.lens.kind = LensKind::Simulated;
+    settings.lens.simulated.speedup = 50.0;
+    settings.lens.reply_timeout_s = 1.0;
+    settings
+}
+
+async fn running() -> Running {
+    start(lens_settings(), Parts { camera: plain_camera(), solver: plain_solver(), lens: None }).await
+}
+
+const DONE: [Stage; 3] = [Stage::Accepted, Stage::Started, Stage::Completed];
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_focus_command_moves_the_lens_and_every_stage_is_told_once() {
+    let running = running().await;
+    let mut ground = Ground::of(&running, 1, true);
+    ground.update(|update| update.camera.focus_counts.get().is_some()).await;
+    let (stages, reply) = ground.run("lens.set_focus 3030").await;
+    assert_eq!((stages, reply.words.to_string().as_str()), (DONE.to_vec(), "focus at 3030 counts"));
+    let update = ground.update(|update| update.camera.focus_counts.get().is_some()).await;
+    assert_eq!(update.camera.focus_counts.get().unwrap().get(), 3030);
+    let lens = running.simulated_lens.as_ref().unwrap();
+    assert!((lens.true_motor() - 3030.0).abs() < 4.0, "{}", lens.true_motor());
+    assert_eq!(update.control.replies_count, 0, "what was acknowledged is not repeated");
+    assert_eq!(update.authority.commands_accepted.get(), 1);
+    assert!(running.stop().await.is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stand_by_computer_is_told_that_it_may_not_command_and_sees_the_others_replies() {
+    let running = running().await;
+    let mut one = Ground::of(&running, 1, true);
+    let mut two = Ground::of(&running, 2, false);
+    one.update(|update| update.authority.you_are_in_charge && update.camera.focus_counts.get().is_some()).await;
+    one.run("lens.set_focus 2900").await;
+    loop {
+        let sighting = timeout(PATIENCE, two.sightings.recv()).await.unwrap().unwrap();
+        if let Seen::Reply(reply) = sighting.seen {
+            assert_eq!(reply.flight_computer, 1);
+            break;
+        }
+    }
+    // It is not given a lease, so that its simulated computer holds the command back.
+    two.orders.send((Act::Run, Command::parse("lens.stop").unwrap())).await.unwrap();
+    let update = two.update(|update| update.link.sequence.get() > 8).await;
+    assert!(!update.authority.you_are_in_charge);
+    assert_eq!(update.authority.in_charge_id.get(), Some(&1));
+    assert_eq!(update.authority.commands_accepted.get(), 1);
+    assert!(running.stop().await.is_empty());
+}
+
+/// Stops the lens, as an operator at its side would.
+fn stop(lens: &LensHandle) {
+    lens.request(RequestCounter(1 << 30), LensCommand::Stop).unwrap();
+}
+
+/// The least and the greatest values of a command, as they are written.
+fn ends(definition: &Definition) -> Vec<String> {
+    let of = |end: fn(&stars::command::Parameter) -> f64| {
+        let mut values = [0.0; MAX_VALUES];
+        values.iter_mut().zip(&definition.parameters).for_each(|(value, parameter)| *value = end(parameter));
+        Command::from_wire(definition.code, &values).unwrap().to_string()
+    };
+    let mut ends = vec![of(|parameter| parameter.low), of(|parameter| parameter.high)];
+    ends.dedup();
+    ends
+}
+
+/// What a command may end with at the ends of its range here: done, or refused with a reason that fits what it asks for.
+fn may_end_with(name: &str, reply: &CommandReply) -> bool {
+    match (reply.stage.get().unwrap(), reply.why.value()) {
+        (Stage::Completed, None) => true,
+        (Stage::Rejected, Some(Refusal::NotAvailable)) => {
+            Definition::of_name(name).is_some_and(|definition| !definition.available)
+        }
+        // Beyond what this lens, or this camera's settings, can do.
+        (Stage::Failed, Some(Refusal::OutOfRange)) => {
+            [
+                "lens.set_focus",
+                "lens.move_focus",
+                "lens.set_aperture",
+                "focus.set_range",
+                "solver.matching",
+                "solver.mask",
+                "solver.cells",
+            ]
+            .contains(&name)
+                || name.starts_with("requirements.")
+        }
+        // A camera without a gain, programs that are not set, a sweep without stars.
+        (Stage::Failed, Some(Refusal::Device)) => name.starts_with("camera."),
+        (Stage::Failed, Some(Refusal::Program)) => ["service.shut_down", "service.reset_network"].contains(&name),
+        (Stage::Failed, Some(Refusal::UnsafeState | Refusal::Stopped | Refusal::NoResult)) => name.starts_with("focus."),
+        _ => false,
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_command_is_taken_at_both_ends_of_its_range_and_ends_with_a_reason() {
+    let running = running().await;
+    let mut ground = Ground::of(&running, 1, true);
+    ground.update(|update| update.camera.focus_counts.get().is_some()).await;
+    let mut given = 0;
+    for definition in Definition::all().iter().filter(|definition| definition.name != "service.quit") {
+        for text in ends(definition) {
+            let is_run = matches!(definition.name, "focus.run" | "focus.advise" | "focus.refocus");
+            let reply = if is_run {
+                // It would take minutes: it is stopped once it has begun.
+                let command = Command::parse(&text).unwrap();
+                for act in if definition.hazard == Hazard::Always { vec![Act::Arm, Act::Fire] } else { vec![Act::Run] } {
+                    ground.orders.send((act, command)).await.unwrap();
+                }
+                loop {
+                    let reply = ground.reply().await;
+                    match reply.stage.get().unwrap() {
+                        Stage::Started => stop(&running.lens),
+                        Stage::Completed if reply.words.to_string().starts_with("armed") => {}
+                        stage if stage.is_last() => break reply,
+                        _ => {}
+                    }
+                }
+            } else {
+                ground.run(&text).await.1
+            };
+            assert!(may_end_with(definition.name, &reply), "{text}: {reply:?}");
+            given += 1;
+        }
+    }
+    assert!(given > 60, "{given}");
+    let (stages, _) = ground.run("service.quit").await;
+    assert_eq!(stages, [Stage::Accepted, Stage::Completed]);
+    assert!(running.state.borrow().ending.is_some());
+    assert!(running.stop().await.is_empty());
+}
