@@ -245,8 +245,8 @@ impl PeakFinder {
         let chunks = row[HALF..COARSE * w - HALF].as_chunks_mut::<COARSE>().0;
         for ((left, right), chunk) in self.level.iter().zip(&self.level[1..]).zip(chunks) {
             let (left, step) = (share * left, share * (right - left) / COARSE as f32);
-            for i in 0..COARSE {
-                chunk[i] = left + (i as f32 + 0.5) * step;
+            for (i, level) in chunk.iter_mut().enumerate() {
+                *level = left + (i as f32 + 0.5) * step;
             }
         }
     }
