@@ -69,6 +69,10 @@ fn main() {
     println!("{} frames of {} × {} px: {}; seed {}", frames.len(), first.width, first.height, kinds.join(", "), args.seed);
     println!("thread CPU time, median of {} runs each\n", args.repeats);
     println!("{:<22} {:>9} {:>9} {:>9} {:>9} {:>8}", "", "median", "p95", "p99", "max", "solved");
+    // What no search is done without: every pixel read once.
+    let read = |frame: &Frame| frame.pixels.iter().fold(0, |sum: u16, pixel| sum.wrapping_add(*pixel));
+    let mut reads: Vec<f64> = frames.iter().map(|frame| median_ms(args.repeats, || read(frame))).collect();
+    row("read-once", &mut reads, "");
     let searches = if args.shipped { &SHIPPED[..] } else { &SEARCHES[..] };
     for &(name, search) in searches {
         let mut totals = Vec::new();
@@ -77,9 +81,7 @@ fn main() {
         for frame in &frames {
             let outcome = search(&mut solver, frame);
             solved += usize::from(outcome.reason == Reason::Solved);
-            let mut runs: Vec<f64> =
-                (0..args.repeats).map(|_| timed(|| search(&mut solver, std::hint::black_box(frame))).1).collect();
-            totals.push(quantile(&mut runs, 0.5));
+            totals.push(median_ms(args.repeats, || search(&mut solver, std::hint::black_box(frame))));
             STAGES.iter().zip(&mut stages).for_each(|((_, stage), times)| times.push(ms(stage(&outcome.times))));
         }
         row(name, &mut totals, &format!("{solved}"));
@@ -87,6 +89,12 @@ fn main() {
             row(&format!("  {stage}"), times, "");
         }
     }
+}
+
+/// Median of the CPU times of some runs, ms.
+fn median_ms<T>(repeats: usize, mut work: impl FnMut() -> T) -> f64 {
+    let mut runs: Vec<f64> = (0..repeats).map(|_| timed(&mut work).1).collect();
+    quantile(&mut runs, 0.5)
 }
 
 fn row(name: &str, times: &mut [f64], solved: &str) {

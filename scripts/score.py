@@ -16,6 +16,7 @@ import json
 import math
 import sys
 from pathlib import Path
+from statistics import NormalDist
 
 ARCSEC_PER_DEG = 3600.0
 
@@ -51,6 +52,8 @@ WANTED_RMS = {"float": (0.30, 13.0), "night": (0.11, 4.5)}
 WANTED_OVER_BOUND = 1.3
 # Errors of wide and narrow fields over their σ, rms, for each axis.
 WANTED_SCALE_SIGMAS = (0.7, 1.3)
+# Share of all runs that chance may fail there, though all σ are honest.
+SCALE_CHANCE = 0.01
 
 
 def unit(ra_deg, dec_deg):
@@ -436,7 +439,9 @@ def score_speed(verdict, bench_file):
     for search, limit in (("normal", 1.5), ("robust", 4.0)):
         words = rows.get(search, [])
         median, p99 = (float(words[1]), float(words[5])) if words else (math.nan, math.nan)
-        verdict(f"{search} search, median of night and float frames, at most {limit} ms", f"{median:.2f} ms", median <= limit)
+        read = float(rows["read-once"][1]) if "read-once" in rows else math.nan
+        got = f"{median:.2f} ms (every pixel read once: {read:.2f} ms)"
+        verdict(f"{search} search, median of night and float frames, at most {limit} ms", got, median <= limit)
         verdict(f"{search} search, 99 % of frames under four times the median", f"{p99:.2f} ms", p99 < 4 * median)
 
 
@@ -534,8 +539,7 @@ def score_scale(verdict, directory):
               f" {built['triangles'].split(',')[0]:>10} {memory:6.1f} {built_s:8.2f} {read_s:7.3f}"
               f" {f'{len(right)} of {len(must)}':>14} {len(wrong):5} {ms:7.1f} {rms(errors):7.2f}"
               f" {rms([error / sigma for error, sigma in zip(errors, sigmas)]):7.2f}")
-        in_sigma = rms([z for zs in in_sigmas(right)[:1] for z in zs])
-        rows.append((memory, built_s, read_s, len(right), len(must), wrong, in_sigma))
+        rows.append((memory, built_s, read_s, len(right), len(must), wrong, in_sigmas(right)[0]))
     memory, built_s, read_s, right, must, wrong, in_sigma = zip(*rows)
     verdict("an index at most 300 MB", f"{max(memory):.0f} MB", max(memory) <= 300)
     verdict("catalogue and index ready, built, in 2 s", f"{max(built_s):.2f} s", max(built_s) <= 2)
@@ -543,9 +547,29 @@ def score_scale(verdict, directory):
             all(seconds <= (0.1 if megabytes <= 120 else 0.2) for seconds, megabytes in zip(read_s, memory)))
     verdict("98 % of must solved right", f"{sum(right)} of {sum(must)}", sum(right) >= 0.98 * sum(must))
     verdict("no wrong solution", f"{sum(map(len, wrong))} wrong", not any(wrong))
+    # Honest σ are off by chance in few frames. A field fails where chance does not explain what it shows; all together pass only where
+    # chance does not explain that they are inside.
     low, high = WANTED_SCALE_SIGMAS
-    verdict(f"errors over σ, rms of each field, {low} to {high}", f"{min(in_sigma):.2f} to {max(in_sigma):.2f}",
-            low <= min(in_sigma) and max(in_sigma) <= high)
+    spans = [span_of_rms(z, SCALE_CHANCE / len(in_sigma)) for z in in_sigma]
+    judged = [rms(z) if z else math.nan for z in in_sigma]
+    verdict(f"errors over σ, rms of each field, {low} to {high} but for chance ({SCALE_CHANCE:.0%} of all runs)",
+            f"{min(judged):.2f} to {max(judged):.2f} of {min(map(len, in_sigma))} to {max(map(len, in_sigma))} values",
+            all(least <= high and low <= most for least, most in spans))
+    together = [z for field in in_sigma for z in field]
+    least, most = span_of_rms(together, SCALE_CHANCE)
+    verdict(f"errors over σ, rms of all fields, surely {low} to {high}",
+            f"{rms(together):.2f} of {len(together)} values, so {least:.2f} to {most:.2f}", low <= least and most <= high)
+
+
+def span_of_rms(z, chance):
+    """Between which values the true rms lies, but for this chance, where that of some normal values was measured."""
+    n = len(z)
+    if n == 0:
+        return math.nan, math.nan
+    # Quantiles of χ² by Wilson and Hilferty (1931, PNAS 17, 684): to a hundredth from a few degrees of freedom on.
+    quantile = lambda p: n * max(0.0, 1 - 2 / (9 * n) + NormalDist().inv_cdf(p) * math.sqrt(2 / (9 * n))) ** 3
+    squares = sum(v * v for v in z)
+    return math.sqrt(squares / quantile(1 - chance / 2)), math.sqrt(squares / max(quantile(chance / 2), 1e-9))
 
 
 def score_horizontal(verdict, answer, truth):

@@ -27,10 +27,14 @@ pub fn auto_level(frame: &Frame) -> Level {
     LevelMeter::default().level(frame, highest)
 }
 
+/// Pixels that are counted side by side, each in a count of its own: neighbours often have the same value, and one count would have to
+/// wait for the other.
+const ABREAST: usize = 4;
+
 /// Measures levels, in the memory of the last frame.
 #[derive(Debug, Clone, Default)]
 pub struct LevelMeter {
-    counts: Vec<u32>,
+    counts: Vec<[u32; ABREAST]>,
 }
 
 impl LevelMeter {
@@ -38,14 +42,21 @@ impl LevelMeter {
     pub fn level(&mut self, frame: &Frame, highest: u16) -> Level {
         let counts = &mut self.counts;
         counts.clear();
-        counts.resize(usize::from(highest) + 1, 0);
+        counts.resize(usize::from(highest) + 1, [0; ABREAST]);
         let mut counted = 0;
         for row in frame.pixels.chunks(frame.width.max(1)).step_by(STEP) {
-            for &adu in row.iter().step_by(STEP) {
-                if let Some(count) = counts.get_mut(usize::from(adu.min(highest))) {
+            let (several, rest) = row.as_chunks::<{ STEP * ABREAST }>();
+            let mut count = |lane: usize, adu: u16| {
+                if let Some(count) = counts.get_mut(usize::from(adu.min(highest))).and_then(|counts| counts.get_mut(lane)) {
                     *count += 1;
                 }
+            };
+            for several in several {
+                for (lane, &adu) in several.iter().step_by(STEP).enumerate() {
+                    count(lane, adu);
+                }
             }
+            rest.iter().step_by(STEP).for_each(|&adu| count(0, adu));
             counted += row.len().div_ceil(STEP);
         }
         let low = end_of(counts.iter().enumerate(), counted).map(|adu| adu.saturating_sub(MARGIN_ADU));
@@ -58,10 +69,10 @@ impl LevelMeter {
 }
 
 /// The value at which the values passed, from one end of the histogram, become more than the tail.
-fn end_of<'a>(mut histogram: impl Iterator<Item = (usize, &'a u32)>, counted: usize) -> Option<u16> {
+fn end_of<'a>(mut histogram: impl Iterator<Item = (usize, &'a [u32; ABREAST])>, counted: usize) -> Option<u16> {
     let mut passed = 0;
-    let (adu, _) = histogram.find(|&(_, &count)| {
-        passed += count as usize;
+    let (adu, _) = histogram.find(|(_, counts)| {
+        passed += counts.iter().map(|&count| count as usize).sum::<usize>();
         passed * TAIL > counted
     })?;
     u16::try_from(adu).ok()

@@ -36,22 +36,33 @@ pub fn refine(
     let faintest = sources.iter().map(|s| s.mag).fold(f64::MIN, f64::max) - zero_point + DEPTH_MARGIN;
     let mut pose = *start;
     let mut scatter = f64::INFINITY;
+    let star_at = |index: usize| field.stars.stars.get(index);
     let mut stars = Vec::new();
+    project_stars(field, &pose, geometry, u8::MAX, &mut stars);
+    stars.retain(|&(i, _, _)| star_at(i).is_some_and(|s| f64::from(s.mag) <= faintest));
     let mut matches = Vec::new();
     let mut result = None;
     for _ in 0..ROUNDS {
-        project_stars(field, &pose, geometry, u8::MAX, &mut stars);
-        stars.retain(|&(i, _, _)| field.stars.stars.get(i).is_some_and(|s| f64::from(s.mag) <= faintest));
+        let before = std::mem::take(&mut matches);
         assign(sources, &stars, |s| tolerance(s, geometry, scatter), &mut matches);
         matches.retain(|m| {
-            let mags = sources.get(m.source).zip(field.stars.stars.get(m.star));
+            let mags = sources.get(m.source).zip(star_at(m.star));
             mags.is_some_and(|(source, star)| source.mag - zero_point >= f64::from(star.mag) - TOO_BRIGHT_MAG)
         });
+        // The same matches have the same fit, and that has them again.
+        if result.is_some() && matches == before {
+            break;
+        }
         let pairs = final_pairs(sources, &matches, field, catalogue, geometry, years);
         let fitted = fit(&pairs, &pose, geometry.half_diagonal, &geometry.prior)?;
         pose = fitted.pose;
         scatter = fitted.chi2_per_dof().sqrt().max(LEAST_SCATTER);
         result = Some(fitted);
+        // A little further on, the same stars are on the picture.
+        for (index, left, up) in &mut stars {
+            let at = star_at(*index).and_then(|star| pose.project(&star.direction, geometry.half_diagonal));
+            (*left, *up) = at.unwrap_or((f64::INFINITY, f64::INFINITY));
+        }
     }
     result.map(|fit| (fit, matches))
 }

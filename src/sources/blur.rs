@@ -31,7 +31,7 @@ const HALF: usize = 14;
 const SIDE: usize = 2 * HALF;
 const LAGS: usize = 12;
 const COLUMNS: usize = 2 * LAGS + 1;
-/// Numbers of a window's row and of a row of products, both a whole number of vectors.
+/// Lags are counted in whole vectors.
 const LANES: usize = 8;
 /// Directions over half a turn in which a figure's extent is looked at, and steps along them, samples.
 const DIRECTIONS: usize = 36;
@@ -163,11 +163,17 @@ fn peaks(plane: &Plane, sky: &Sky, cells: &CellStatistics) -> Vec<Place> {
     let (width, height) = (plane.width, plane.height);
     const SQUARE: usize = 2 * BOX + 1;
     let mut snrs = vec![0f32; width * height];
+    let mut columns = vec![0f32; width];
     for y in BOX..height - BOX {
-        for x in BOX..width - BOX {
-            let sum: f32 = (y - BOX..=y + BOX).map(|y| plane.pixels[y * width + x - BOX..][..SQUARE].iter().sum::<f32>()).sum();
+        columns.fill(0.0);
+        for row in plane.pixels[(y - BOX) * width..].chunks_exact(width).take(SQUARE) {
+            columns.iter_mut().zip(row).for_each(|(sum, sample)| *sum += sample);
+        }
+        let sky = sky.row(y);
+        for (x, columns) in columns.windows(SQUARE).enumerate() {
+            let (x, sum) = (x + BOX, columns.iter().sum::<f32>());
             let noise = cells.local_noise(x * SEARCH_BIN, y * SEARCH_BIN) / (SQUARE * SEARCH_BIN) as f32;
-            snrs[y * width + x] = (sum / (SQUARE * SQUARE) as f32 - sky.at(x, y)) / noise.max(f32::MIN_POSITIVE);
+            snrs[y * width + x] = (sum / (SQUARE * SQUARE) as f32 - sky.at(x)) / noise.max(f32::MIN_POSITIVE);
         }
     }
     let mut peaks: Vec<Place> = Vec::new();
@@ -229,16 +235,38 @@ impl Sky {
     }
 
     fn at(&self, x: usize, y: usize) -> f32 {
-        let place = |at: usize, tiles: usize| {
-            // Beyond the middles of the outer tiles the slope goes on.
-            let t = (at as f32 + 0.5) / TILE as f32 - 0.5;
-            let first = (t.max(0.0) as usize).min(tiles - 2);
-            (first, t - first as f32)
-        };
-        let ((i, fx), (j, fy)) = (place(x, self.columns), place(y, self.rows));
-        let row = |j: usize| self.medians[j * self.columns + i] * (1.0 - fx) + self.medians[j * self.columns + i + 1] * fx;
-        row(j) * (1.0 - fy) + row(j + 1) * fy
+        self.row(y).at(x)
     }
+
+    /// The two rows of tiles around a sample's row, and how far it lies between them.
+    fn row(&self, y: usize) -> SkyRow<'_> {
+        let (j, part) = between_tiles(y, self.rows);
+        let row = |j: usize| &self.medians[j * self.columns..][..self.columns];
+        SkyRow { above: row(j), below: row(j + 1), part }
+    }
+}
+
+/// The sky along a row of samples.
+struct SkyRow<'a> {
+    above: &'a [f32],
+    below: &'a [f32],
+    part: f32,
+}
+
+impl SkyRow<'_> {
+    fn at(&self, x: usize) -> f32 {
+        let (i, part) = between_tiles(x, self.above.len());
+        let of = |row: &[f32]| row[i] * (1.0 - part) + row[i + 1] * part;
+        of(self.above) * (1.0 - self.part) + of(self.below) * self.part
+    }
+}
+
+/// The tile whose middle is the last before a sample, and how far on the sample lies to the next; beyond the middles of the outer tiles the
+/// slope goes on.
+fn between_tiles(at: usize, tiles: usize) -> (usize, f32) {
+    let t = (at as f32 + 0.5) / TILE as f32 - 0.5;
+    let first = (t.max(0.0) as usize).min(tiles - 2);
+    (first, t - first as f32)
 }
 
 fn median(values: &mut [f32]) -> f32 {
@@ -332,27 +360,24 @@ impl Kernel for Correlate<'_> {
 
     #[inline(always)]
     fn run(self) -> Autocorrelation {
-        // Noughts on either side, so that all lags are alike.
-        const PADDED: usize = (SIDE + 2 * LAGS).next_multiple_of(LANES);
-        let mut rows = vec![[0f32; PADDED]; SIDE];
+        // All lags of x of one sample at once. Noughts on either side, so that all samples are alike.
+        const LAG_LANES: usize = COLUMNS.next_multiple_of(LANES);
+        let mut rows = [[0f32; SIDE + LAG_LANES]; SIDE];
         for (row, samples) in rows.iter_mut().zip(self.window.chunks_exact(SIDE)) {
             row[LAGS..LAGS + SIDE].copy_from_slice(samples);
         }
-        const COUNTED: usize = SIDE.next_multiple_of(LANES);
         let mut sums = Vec::with_capacity(COLUMNS * (LAGS + 1));
         for dy in 0..=LAGS {
-            for dx in 0..COLUMNS {
-                let mut lanes = [0f32; LANES];
-                for y in 0..SIDE - dy {
-                    let (one, other) = (&rows[y][LAGS..LAGS + COUNTED], &rows[y + dy][dx..dx + COUNTED]);
-                    for (a, b) in one.chunks_exact(LANES).zip(other.chunks_exact(LANES)) {
-                        for i in 0..LANES {
-                            lanes[i] += a[i] * b[i];
-                        }
+            let mut lanes = [0f32; LAG_LANES];
+            for (one, other) in rows.iter().zip(&rows[dy..]) {
+                for x in 0..SIDE {
+                    let (sample, others) = (one[LAGS + x], &other[x..x + LAG_LANES]);
+                    for i in 0..LAG_LANES {
+                        lanes[i] += sample * others[i];
                     }
                 }
-                sums.push(lanes.iter().sum());
             }
+            sums.extend_from_slice(&lanes[..COLUMNS]);
         }
         sums[LAGS] -= self.noise * self.noise * (SIDE * SIDE) as f32;
         Autocorrelation(sums)

@@ -210,8 +210,8 @@ pub fn centroid(patch: &Patch, standing: &Standing, shape: &Shape, sigma: f32, g
     const STEPS: usize = 8;
     /// Steps that measure the matrix anew; then the start is so near that the last one does.
     const FULL_STEPS: usize = 2;
-    /// A step this small against the centre's σ ends the fit.
-    const SETTLED: f32 = 0.02;
+    /// A step this small against the centre's σ ends the fit: what is left is a tenth of it.
+    const SETTLED: f32 = 0.1;
     /// What the variance of a faint star's centre is larger by than the normal equations say, over its noise in height squared. There are
     /// more faint stars than bright ones, and the fit ends where noise has made one highest: found at a height, a star is fainter than
     /// that (from trials with numbers that go as 1/flux, see the test).

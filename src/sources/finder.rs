@@ -126,6 +126,7 @@ pub struct Finder {
     /// Peaks of the kernels that were surveyed, and how much stands out in each.
     pub(super) surveyed: Vec<Survey>,
     pub(super) thresholds: Vec<f32>,
+    /// Of the candidates, as they were found; what is left of an earlier frame may follow.
     patches: Vec<Patch>,
     /// In the order of the sources, once these are measured.
     pub(super) candidates: Vec<Candidate>,
@@ -228,7 +229,7 @@ impl Finder {
         for candidate in &mut self.candidates {
             candidate.saturated = self.patches[candidate.patch].highest() >= saturation;
         }
-        self.mark_lines();
+        self.mark_lines(kernel);
         self.rank(rules_cell(settings, scale), settings.max_per_cell as usize, settings.max_found as usize);
         with_vectors(MeasureSources {
             finder: self,
@@ -299,12 +300,14 @@ impl Finder {
         }
     }
 
-    /// Marks what lies on the lines that several ridges make.
-    fn mark_lines(&mut self) {
+    /// Marks what lies on the lines that several ridges make, or several trails along themselves.
+    pub(super) fn mark_lines(&mut self, kernel: SearchKernel) {
         let place = |c: &Candidate| (c.peak.x as f32, c.peak.y as f32);
-        let mut ridges: Vec<&Candidate> = self.candidates.iter().filter(|c| c.standing.on_ridge).collect();
+        let along = kernel.along();
+        let mut ridges: Vec<&Candidate> =
+            self.candidates.iter().filter(|c| c.standing.on_ridge || (along.is_some() && c.is_star_like())).collect();
         ridges.sort_by(|a, b| b.standing.snr.total_cmp(&a.standing.snr));
-        let lines = lines::find(ridges.into_iter().map(place).collect());
+        let lines = lines::find(ridges.into_iter().map(place).collect(), along);
         for candidate in self.candidates.iter_mut().filter(|_| !lines.is_empty()) {
             candidate.in_line = lines.iter().any(|line| line.passes(place(candidate)));
         }
@@ -394,7 +397,6 @@ impl<P: Picture> Kernel for MeasurePeaks<'_, P> {
     fn run(self) {
         let MeasurePeaks { picture, finer, kernel, peaks, noise, least, lists: (candidates, patches) } = self;
         candidates.clear();
-        patches.clear();
         let template = CoreTemplate::new(&kernel.shape());
         for &peak in peaks {
             let mut peak = Peak { x: peak.x * finer, y: peak.y * finer, ..peak };
@@ -402,15 +404,24 @@ impl<P: Picture> Kernel for MeasurePeaks<'_, P> {
                 let Some((x, y)) = summit(picture, peak.x, peak.y, finer) else { continue };
                 (peak.x, peak.y) = (x, y);
             }
-            let Some(mut patch) = Patch::cut(picture, peak.x, peak.y) else { continue };
+            // Patches are large: each is cut where it stays if it is worth it, and else the next one takes its place.
+            let place = candidates.len();
+            if place == patches.len() {
+                patches.push(Patch::default());
+            }
+            let patch = &mut patches[place];
+            if !patch.cut_at(picture, peak.x, peak.y) {
+                continue;
+            }
             patch.level_out();
             let sigma = noise(peak.x, peak.y);
-            let mut standing = Standing::measure(&patch, &template, sigma);
-            // A trail is a ridge.
-            standing.on_ridge &= !matches!(kernel, SearchKernel::Trail { .. });
+            let mut standing = Standing::measure(patch, &template, sigma);
             if standing.confidence >= least {
-                candidates.push(Candidate { peak, patch: patches.len(), sigma, standing, saturated: false, in_line: false });
-                patches.push(patch);
+                // A trail is a ridge.
+                if !matches!(kernel, SearchKernel::Trail { .. }) {
+                    standing.look_for_ridge(patch, sigma);
+                }
+                candidates.push(Candidate { peak, patch: place, sigma, standing, saturated: false, in_line: false });
             }
         }
     }

@@ -47,6 +47,14 @@ impl SearchKernel {
         if self == Self::Sharp { 1 } else { 2 }
     }
 
+    /// The direction of a trail, of any length.
+    pub(super) fn along(self) -> Option<(f32, f32)> {
+        match self {
+            Self::Sharp | Self::Round { .. } => None,
+            Self::Trail { direction, .. } => Some(trails::along(direction)),
+        }
+    }
+
     /// The shape that a star is taken for at first, samples².
     pub(super) fn shape(self) -> Shape {
         match self {

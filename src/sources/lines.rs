@@ -9,6 +9,10 @@ const REACH: f32 = 3.0;
 const LEAST_SPAN: f32 = 30.0;
 /// Places on ridges that make a line: stars trailed alike are ridges too, but six of them are not in line by chance.
 const LEAST_PLACES: usize = 6;
+/// Trails in line with each other that make a streak, which is all trails along itself; and how far its direction may be from that of
+/// the kernel, sine: those of kernels are up to 27° apart. (Of 60 places anywhere ten are on such a line in one frame of twenty.)
+const LEAST_TRAILS: usize = 10;
+const ASTRAY: f32 = 0.3;
 /// Lines looked for, and places on ridges looked at: a line of many is found among the best.
 const MOST_LINES: usize = 4;
 const MOST_PLACES: usize = 60;
@@ -37,17 +41,19 @@ impl Line {
     }
 }
 
-/// The lines that hold most of the places on ridges, one after the other.
-pub fn find(mut places: Vec<(f32, f32)>) -> Vec<Line> {
+/// The lines that hold most of the places on ridges, one after the other. `along`: where the places are of trails, the direction of these.
+pub fn find(mut places: Vec<(f32, f32)>, along: Option<(f32, f32)>) -> Vec<Line> {
+    let least = if along.is_some() { LEAST_TRAILS } else { LEAST_PLACES };
+    let is_along = |line: &Line| along.is_none_or(|(x, y)| (x * line.across.0 + y * line.across.1).abs() <= ASTRAY * x.hypot(y));
     let mut lines = Vec::new();
     places.truncate(MOST_PLACES);
-    while lines.len() < MOST_LINES {
+    while lines.len() < MOST_LINES && places.len() >= least {
         let mut best: Option<(usize, Line)> = None;
         for (i, &a) in places.iter().enumerate() {
             for &b in &places[i + 1..] {
-                let Some(line) = Line::through(a, b) else { continue };
-                let count = places.iter().filter(|p| line.passes(**p)).count();
-                if count >= LEAST_PLACES && best.is_none_or(|(most, _)| count > most) {
+                let Some(line) = Line::through(a, b).filter(is_along) else { continue };
+                let count = places.iter().map(|p| usize::from(line.passes(*p))).sum();
+                if count >= least && best.is_none_or(|(most, _)| count > most) {
                     best = Some((count, line));
                 }
             }
@@ -69,15 +75,17 @@ mod tests {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(11);
         let mut places: Vec<(f32, f32)> =
             (0..30).map(|_| (1536.0 * random.random::<f32>(), 1024.0 * random.random::<f32>())).collect();
-        assert_eq!(find(places.clone()), []);
+        assert_eq!(find(places.clone(), None), []);
         places.extend((0..12).map(|i| (100.0 + 90.0 * i as f32, 200.0 + 40.0 * i as f32 + random.random::<f32>())));
-        let lines = find(places);
+        let lines = find(places.clone(), None);
         assert_eq!(lines.len(), 1);
         assert!(lines[0].passes((100.0 + 45.0, 200.0 + 20.5)) && !lines[0].passes((145.0, 230.0)));
+        assert_eq!(find(places.clone(), Some((2.0, 1.0))), lines);
+        assert_eq!(find(places, Some((1.0, -2.0))), []);
     }
 
     #[test]
     fn neighbours_make_no_line() {
-        assert_eq!(find((0..9).map(|i| (i as f32, 2.0 * i as f32)).collect()), []);
+        assert_eq!(find((0..9).map(|i| (i as f32, 2.0 * i as f32)).collect(), None), []);
     }
 }

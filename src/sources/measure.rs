@@ -29,11 +29,20 @@ pub fn summit<P: Picture>(picture: &P, x: usize, y: usize, finer: usize) -> Opti
     if !inside(picture, x, y) {
         return None;
     }
-    let samples = picture.cut_lines(x, y, HALF - 2..HALF + finer + 2);
+    let lines = HALF - 2..HALF + finer + 2;
+    let mut samples = [[0f32; WIDTH]; SIDE];
+    picture.cut_lines(x, y, lines.clone(), &mut samples);
+    // Sums of three along each line, in vectors; each is needed by three.
+    let mut threes = [[0f32; WIDTH]; SIDE];
+    for (row, threes) in samples[lines.clone()].iter().zip(&mut threes[lines]) {
+        for i in 1..WIDTH - 1 {
+            threes[i] = row[i - 1] + row[i] + row[i + 1];
+        }
+    }
     let mut best = (f32::MIN, x, y);
     for j in HALF - 1..=HALF + finer {
         for i in HALF - 1..=HALF + finer {
-            let sum: f32 = samples[j - 1..=j + 1].iter().map(|row| row[i - 1] + row[i] + row[i + 1]).sum();
+            let sum = threes[j - 1][i] + threes[j][i] + threes[j + 1][i];
             if sum > best.0 {
                 best = (sum, x + i - HALF, y + j - HALF);
             }
@@ -43,16 +52,27 @@ pub fn summit<P: Picture>(picture: &P, x: usize, y: usize, finer: usize) -> Opti
 }
 
 /// The surroundings of a peak.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Patch {
     pub(super) samples: Samples,
 }
 
 impl Patch {
-    /// Cuts the patch around a sample; `None` where it would reach over the border.
+    /// Makes it the patch around a sample; `false`, and it stays as it is, where that would reach over the border.
     #[inline(always)]
+    pub fn cut_at<P: Picture>(&mut self, picture: &P, x: usize, y: usize) -> bool {
+        let inside = inside(picture, x, y);
+        if inside {
+            picture.cut(x, y, &mut self.samples);
+        }
+        inside
+    }
+
+    /// The patch around a sample.
+    #[cfg(test)]
     pub fn cut<P: Picture>(picture: &P, x: usize, y: usize) -> Option<Self> {
-        inside(picture, x, y).then(|| Self { samples: picture.cut(x, y) })
+        let mut patch = Self::default();
+        patch.cut_at(picture, x, y).then_some(patch)
     }
 
     /// Means of the nine boxes, row after row.
@@ -277,9 +297,11 @@ pub struct Standing {
 /// A ridge stands this high, of the peak and above this many times its own noise.
 const RIDGE_OF_PEAK: f32 = 0.35;
 const RIDGE_SIGMAS: f32 = 2.0;
+/// No sample is taken to have less noise, ADU.
+const LEAST_NOISE: f32 = 1e-3;
 
 impl Standing {
-    /// Measures a patch, levelled out, whose samples have the noise `sigma`, ADU.
+    /// Measures a patch, levelled out, whose samples have the noise `sigma`, ADU; whether a ridge runs through it is left open.
     #[inline(always)]
     pub fn measure(patch: &Patch, template: &CoreTemplate, sigma: f32) -> Self {
         let nine = patch.box_means();
@@ -287,7 +309,7 @@ impl Standing {
         sort_eight(&mut means);
         let base = 0.25 * (means[2] + means[3] + means[4] + means[5]);
         let brightest = 0.5 * (means[6] + means[7]);
-        let sigma = sigma.max(1e-3);
+        let sigma = sigma.max(LEAST_NOISE);
         let (mut filtered, mut power) = (0f32, 0f32);
         for (row, weights) in patch.samples[HALF - CORE..=HALF + CORE].iter().zip(template.weights.chunks_exact(CORE_SIDE)) {
             for i in 0..CORE_SIDE {
@@ -301,12 +323,18 @@ impl Standing {
         let noise = sigma * template.sum_sq.sqrt();
         let explained = filtered * filtered / template.sum_sq;
         let unlike = (power - CORE_N as f32 * sigma * sigma - explained) / explained.max(1e-6);
+        let confidence = (filtered - (brightest - base).max(0.0)) / noise;
+        Self { base, flux, snr: filtered / noise, confidence, unlike, on_ridge: false }
+    }
+
+    /// Looks for a ridge through the peak: most peaks are not worth the look.
+    #[inline(always)]
+    pub fn look_for_ridge(&mut self, patch: &Patch, sigma: f32) {
         // Height of the peak as a mean over three by three, so that a lone pixel does not decide.
-        let height =
-            (HALF - 1..=HALF + 1).map(|j| patch.samples[j][HALF - 1..=HALF + 1].iter().sum::<f32>()).sum::<f32>() / 9.0 - base;
-        let ridge_noise = sigma / (SPOKE_SAMPLES as f32).sqrt();
-        let on_ridge = patch.ridge(base) > RIDGE_OF_PEAK * height + RIDGE_SIGMAS * ridge_noise;
-        Self { base, flux, snr: filtered / noise, confidence: (filtered - (brightest - base).max(0.0)) / noise, unlike, on_ridge }
+        let height = (HALF - 1..=HALF + 1).map(|j| patch.samples[j][HALF - 1..=HALF + 1].iter().sum::<f32>()).sum::<f32>() / 9.0
+            - self.base;
+        let ridge_noise = sigma.max(LEAST_NOISE) / (SPOKE_SAMPLES as f32).sqrt();
+        self.on_ridge = patch.ridge(self.base) > RIDGE_OF_PEAK * height + RIDGE_SIGMAS * ridge_noise;
     }
 
     /// Whether the shape is that of a star as far as the noise lets it be seen.
@@ -342,6 +370,13 @@ mod tests {
         assert!(exp_of_negative(f32::NEG_INFINITY) < 1e-30);
     }
 
+    /// A standing with its ridge, for noise of 8 ADU.
+    fn whole(patch: &Patch, template: &CoreTemplate) -> Standing {
+        let mut standing = Standing::measure(patch, template, 8.0);
+        standing.look_for_ridge(patch, 8.0);
+        standing
+    }
+
     #[test]
     fn a_ridge_is_not_like_a_star_in_any_direction_and_two_stars_are() {
         let template = CoreTemplate::new(&Shape::round(1.0));
@@ -352,12 +387,12 @@ mod tests {
                 500.0 + 200.0 * (-0.5 * across * across / 1.5).exp()
             };
             let picture = Plane { width: 31, height: 31, pixels: (0..31 * 31).map(ridge).collect() };
-            let standing = Standing::measure(&Patch::cut(&picture, 15, 15).unwrap(), &template, 8.0);
+            let standing = whole(&Patch::cut(&picture, 15, 15).unwrap(), &template);
             assert!(standing.on_ridge, "{step}: {standing:?}");
             let mut pair = plane(2000.0, 15.0, 15.0, &Shape::round(1.0));
             let other = plane(2000.0, 15.0 + 6.0 * cos, 15.0 + 6.0 * sin, &Shape::round(1.0));
             pair.pixels.iter_mut().zip(&other.pixels).for_each(|(p, o)| *p += o - 500.0);
-            let standing = Standing::measure(&Patch::cut(&pair, 15, 15).unwrap(), &template, 8.0);
+            let standing = whole(&Patch::cut(&pair, 15, 15).unwrap(), &template);
             assert!(!standing.on_ridge, "{step}: {standing:?}");
         }
     }
@@ -369,7 +404,7 @@ mod tests {
         picture.pixels.iter_mut().enumerate().for_each(|(n, p)| *p += 20.0 * (n % 31) as f32 - 9.0 * (n / 31) as f32);
         let mut patch = Patch::cut(&picture, 15, 15).unwrap();
         patch.level_out();
-        let standing = Standing::measure(&patch, &CoreTemplate::new(&shape), 8.0);
+        let standing = whole(&patch, &CoreTemplate::new(&shape));
         assert!(standing.is_star_like() && standing.confidence > 0.9 * standing.snr, "{standing:?}");
         let found = centroid(&patch, &standing, &shape, 8.0, 0.0).unwrap();
         assert!(
@@ -389,11 +424,11 @@ mod tests {
     fn a_hot_pixel_and_an_edge_are_not_like_a_star() {
         let template = CoreTemplate::new(&Shape::round(1.0));
         let star = Patch::cut(&plane(2000.0, 15.0, 15.0, &Shape::round(1.0)), 15, 15).unwrap();
-        let star = Standing::measure(&star, &template, 8.0);
+        let star = whole(&star, &template);
         assert!(star.is_star_like() && star.snr > 50.0, "{star:?}");
         let mut hot = Plane { width: 31, height: 31, pixels: vec![500f32; 31 * 31] };
         hot.pixels[15 * 31 + 15] = 900.0;
-        assert!(!Standing::measure(&Patch::cut(&hot, 15, 15).unwrap(), &template, 8.0).is_star_like());
+        assert!(!whole(&Patch::cut(&hot, 15, 15).unwrap(), &template).is_star_like());
         let edge =
             Plane { width: 31, height: 31, pixels: (0..31 * 31).map(|n| if n % 31 < 15 { 500f32 } else { 540.0 }).collect() };
         let edge = Standing::measure(&Patch::cut(&edge, 16, 15).unwrap(), &template, 8.0);

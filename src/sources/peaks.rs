@@ -145,6 +145,8 @@ impl PeakFinder {
         for row in self.excess.iter_mut().chain(&mut self.level_rows).chain([&mut self.across]) {
             row.resize(width, 0.0);
         }
+        // The row of coarse cells below the present row, whose level is measured with that of the one above; none yet.
+        let mut measured = 0;
         for y in 1..height - 1 {
             if y % 64 == 0 && !keep_on() {
                 return false;
@@ -152,9 +154,13 @@ impl PeakFinder {
             // Between the middles of two rows of coarse cells the level goes on a straight line, and so beyond the outermost.
             let middle_after = (y + COARSE / 2) / COARSE;
             let between = middle_after.clamp(1, coarse_rows - 1);
-            if y == 1 || (middle_after == between && y % COARSE == COARSE / 2) {
-                self.measure_level(between - 1, rules.ring, 0);
+            if between != measured {
+                match measured {
+                    0 => self.measure_level(0, rules.ring, 0),
+                    _ => self.level_rows.swap(0, 1),
+                }
                 self.measure_level(between, rules.ring, 1);
+                measured = between;
             }
             let part = (y as f32 + 0.5) / COARSE as f32 - (between as f32 - 0.5);
             self.excess_row(plane, y, rules.taps, part);
@@ -236,8 +242,9 @@ impl PeakFinder {
         for x in (0..HALF).chain(COARSE * w - HALF..width) {
             row[x] = line(x, if x < HALF { 0 } else { w - 2 });
         }
-        for (chunk, pair) in row[HALF..COARSE * w - HALF].chunks_exact_mut(COARSE).zip(self.level.windows(2)) {
-            let (left, step) = (share * pair[0], share * (pair[1] - pair[0]) / COARSE as f32);
+        let chunks = row[HALF..COARSE * w - HALF].as_chunks_mut::<COARSE>().0;
+        for ((left, right), chunk) in self.level.iter().zip(&self.level[1..]).zip(chunks) {
+            let (left, step) = (share * left, share * (right - left) / COARSE as f32);
             for (i, level) in chunk.iter_mut().enumerate() {
                 *level = left + (i as f32 + 0.5) * step;
             }

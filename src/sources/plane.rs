@@ -22,10 +22,10 @@ pub trait Picture {
     fn height(&self) -> usize;
     /// Row `y` of the halved picture: means of 2 × 2 samples.
     fn halve_row(&self, y: usize, scratch: &mut HalveScratch, out: &mut [f32]);
-    /// The patch around a sample that is [`MARGIN`] or more away from every border.
-    fn cut(&self, x: usize, y: usize) -> Samples;
-    /// Some lines of the patch; the others are nought, and the core may be clipped.
-    fn cut_lines(&self, x: usize, y: usize, lines: Range<usize>) -> Samples;
+    /// Cuts the patch around a sample that is [`MARGIN`] or more away from every border.
+    fn cut(&self, x: usize, y: usize, samples: &mut Samples);
+    /// Cuts some lines of the patch, whose core may be clipped; the others stay as they are.
+    fn cut_lines(&self, x: usize, y: usize, lines: Range<usize>, samples: &mut Samples);
 }
 
 /// A frame, every pixel that stands far above the highest of its eight neighbours clipped.
@@ -125,25 +125,22 @@ impl Picture for Clipped<'_> {
     }
 
     #[inline(always)]
-    fn cut_lines(&self, x: usize, y: usize, lines: Range<usize>) -> Samples {
-        let mut samples = [[0f32; WIDTH]; SIDE];
+    fn cut_lines(&self, x: usize, y: usize, lines: Range<usize>, samples: &mut Samples) {
         let excess = self.excess[y / CELL_PX * self.frame.width + x];
         for j in lines {
             let rows = [0, 1, 2].map(|k| &self.row(y + j + k - HALF - 1)[x - HALF - 1..][..WIDTH + 2]);
             clip(rows, excess, &mut samples[j]);
             samples[j][WIDTH - 1] = 0.0;
         }
-        samples
     }
 
     #[inline(always)]
-    fn cut(&self, x: usize, y: usize) -> Samples {
-        let mut samples = self.cut_lines(x, y, 0..SIDE);
-        restore_core(&mut samples, |j| {
+    fn cut(&self, x: usize, y: usize, samples: &mut Samples) {
+        self.cut_lines(x, y, 0..SIDE, samples);
+        restore_core(samples, |j| {
             let row = &self.row(y + j - HALF)[x - CORE..][..2 * CORE + 1];
             std::array::from_fn(|i| f32::from(row[i]))
         });
-        samples
     }
 }
 
@@ -233,17 +230,16 @@ impl Picture for Plane {
     }
 
     #[inline(always)]
-    fn cut(&self, x: usize, y: usize) -> Samples {
-        self.cut_lines(x, y, 0..SIDE)
+    fn cut(&self, x: usize, y: usize, samples: &mut Samples) {
+        self.cut_lines(x, y, 0..SIDE, samples);
     }
 
     #[inline(always)]
-    fn cut_lines(&self, x: usize, y: usize, lines: Range<usize>) -> Samples {
-        let mut samples = [[0f32; WIDTH]; SIDE];
+    fn cut_lines(&self, x: usize, y: usize, lines: Range<usize>, samples: &mut Samples) {
         for j in lines {
             samples[j][..SIDE].copy_from_slice(&self.row(y + j - HALF)[x - HALF..][..SIDE]);
+            samples[j][WIDTH - 1] = 0.0;
         }
-        samples
     }
 }
 
@@ -324,7 +320,8 @@ mod tests {
         }
         let frame = Frame::new(40, 40, pixels, RowOrder::BottomFirst).unwrap();
         let excess = vec![30; 3 * 40];
-        let samples = Clipped::new(&frame, &excess).cut(20, 20);
+        let mut samples = [[0.0; WIDTH]; SIDE];
+        Clipped::new(&frame, &excess).cut(20, 20, &mut samples);
         assert_eq!((samples[HALF][HALF], samples[HALF][HALF - 1], samples[0][0]), (900.0, 500.0, 100.0));
         assert_eq!(samples[HALF + 4][HALF + 4], 130.0);
     }

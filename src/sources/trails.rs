@@ -33,10 +33,15 @@ pub fn noise(direction: usize) -> f32 {
     ((3.0 + 4.0 * at(1) + 2.0 * at(2)) / 9.0).sqrt()
 }
 
+/// A direction, as an arm of it.
+pub fn along(direction: usize) -> (f32, f32) {
+    let (dx, dy) = ARMS[direction % DIRECTIONS];
+    (dx as f32, dy as f32)
+}
+
 /// The shape of a trail as long as the kernel, samples².
 pub fn shape_of(direction: usize) -> Shape {
-    let (dx, dy) = ARMS[direction % DIRECTIONS];
-    let (dx, dy) = (dx as f32, dy as f32);
+    let (dx, dy) = along(direction);
     // A line of length L has the variance L²/12 along itself; across it is as wide as a round star. The three samples stand for a line
     // three times as long as an arm.
     const LENGTHS_SQ: f32 = 9.0 / 12.0;
