@@ -205,7 +205,8 @@ impl Problem<'_> {
     fn evaluate(&self, shape: &Shape) -> Evaluation {
         let prior = self.prior;
         let off = [0.0, shape.ln_width - prior.width.ln(), shape.drift, shape.floor];
-        let weights = [0.0, LN_WIDTH_SIGMA, prior.drift_sigma, self.floor_sigma].map(|s| if s > 0.0 { 1.0 / (s * s) } else { 0.0 });
+        let weights =
+            [0.0, LN_WIDTH_SIGMA, prior.drift_sigma, self.floor_sigma].map(|s| if s > 0.0 { 1.0 / (s * s) } else { 0.0 });
         let mut out = Evaluation {
             loss: off.iter().zip(weights).map(|(o, w)| w * o * o).sum(),
             chi2: 0.0,
@@ -317,7 +318,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    const PRIOR: FitPrior = FitPrior { width: 60.0, drift_sigma: 3.0 };
+    const PRIOR: FitPrior = FitPrior { width: 60.0, drift_sigma: 2.0 };
 
     /// Three stars seen at 15 positions twice, the best focus 3030 in the middle of the time and drifting.
     fn sweep(seed: u64, outliers: bool) -> Vec<Vec<Point>> {
