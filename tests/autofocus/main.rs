@@ -88,9 +88,8 @@ fn at_the_cadence_of_the_flight_and_at_a_fast_one_it_is_found_in_time() {
 #[test]
 #[ignore = "for figures: three hundred runs"]
 fn three_hundred_runs() {
-    for period_s in [40.0, 20.0, 5.0] {
-        assert!(within_ten(101..=400, period_s).0 >= 270);
-    }
+    let within = [20.0, 40.0, 5.0].map(|period_s| within_ten(101..=400, period_s).0);
+    assert!(within[0] >= 285 && within[1] >= 240 && within[2] >= 297, "{within:?}");
 }
 
 #[test]

@@ -10,10 +10,10 @@ use std::time::Duration;
 
 /// Parts of the time allowed by which the wide pass is done, one that is repeated, and those about the peak.
 const WIDE_PART: f64 = 0.5;
-const REPEATED_PART: f64 = 0.8;
-const CLOSE_PART: f64 = 0.87;
+const REPEATED_PART: f64 = 0.75;
+const CLOSE_PART: f64 = 0.9;
 /// Wide passes, passes about the peak, and moves to the best focus.
-const WIDE_PASSES: u8 = 2;
+const WIDE_PASSES: u8 = 3;
 const CLOSE_PASSES: u8 = 3;
 /// Steps of a pass about the positions at which stars were matched, and of one of several about the peak at least.
 const POSITIONS_WITH_STARS: i32 = 10;
@@ -142,8 +142,11 @@ impl Sweep {
                 self.close_in(now, 1, pace)
             }
             Verdict::Edge(side) => Next::End(End::empty(Ending::Edge(side))),
-            Verdict::NoPeak | Verdict::TooFew if round < WIDE_PASSES => {
-                let until = self.begun + self.allowed.mul_f64(REPEATED_PART);
+            Verdict::NoPeak | Verdict::TooFew
+                if round < WIDE_PASSES && now < self.begun + self.allowed.mul_f64(REPEATED_PART) =>
+            {
+                let part = if round + 1 < WIDE_PASSES { REPEATED_PART } else { CLOSE_PART };
+                let until = self.begun + self.allowed.mul_f64(part);
                 let whole = Pass { first: self.range.0, last: self.range.1, step: self.step, until };
                 self.stage = Stage::Wide(self.where_stars_are(until).unwrap_or(whole), round + 1);
                 self.begin(pace)
