@@ -2,7 +2,7 @@
 """Scores the answers of `stars solve --json` against the truth. Standard library only.
 
     score.py flight|esa TRUTH.json ANSWERS.jsonl
-    score.py speed|refusal|lists|tracking BENCH.txt
+    score.py speed|refusal|lists|tracking|autofocus BENCH.txt
     score.py rendered|nostars|mirrored|causes|measured|peers|errors|scale DIRECTORY
 
 A DIRECTORY holds `*.truth.json`, as `stars render` writes them, and answers in `*.jsonl`; the image's name joins the two.
@@ -481,6 +481,18 @@ def score_tracking(verdict, bench_file):
     verdict("match of float frames with a prior, no slower than without", f"{told:.3f} ms, {alone:.3f} ms", told <= 1.1 * alone)
 
 
+def score_autofocus(verdict, bench_file):
+    """How near the autofocus comes, from what `cargo bench --bench autofocus` printed."""
+    text = Path(bench_file).read_text()
+    print(text.strip())
+    ends = [line.split(": ", 1)[1].split(", ") for line in text.splitlines() if line.startswith("run ")]
+    off = [float(end[1].split()[1]) for end in ends]
+    near = sum(end[0] == "Found" and abs(counts) <= 10 for end, counts in zip(ends, off))
+    verdict("best focus within 10 counts of the truth in 18 of 20 runs", f"{near} of {len(ends)}", near >= 0.9 * len(ends) > 0)
+    outside = sum(int(end[-1].split()[0]) for end in ends)
+    verdict("moves out of the range: 0", f"{outside}", outside == 0 and len(ends) > 0)
+
+
 def score_threads(verdict, bench_file):
     """What a second thread is worth, from what `cargo bench --bench threads` printed."""
     text = Path(bench_file).read_text()
@@ -599,6 +611,8 @@ def main(arguments):
             score_threads(verdict, bench)
         case ["tracking", bench]:
             score_tracking(verdict, bench)
+        case ["autofocus", bench]:
+            score_autofocus(verdict, bench)
         case ["peers", directory]:
             score_peers(verdict, directory)
         case ["errors", directory]:

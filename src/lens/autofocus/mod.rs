@@ -1,6 +1,6 @@
 //! The autofocus: finds the lens position at which stars are sharpest, and goes there if it may.
 //!
-//! A sweep goes upwards through a range, once widely and then twice about the peak, and fits the peaks of the stars (each star has a
+//! A sweep goes upwards through a range, once widely and then up to three times about the peak, and fits the peaks of the stars (each star has a
 //! curve of its own, so that the gondola may drift) or, where they show none, of the brightest source of each image. Positions are
 //! always approached from below, so that the gears' backlash is taken up; the best focus may drift, which the passes at different times
 //! tell. A refocus goes one bounded step and comes back by itself if the stars did not get better.

@@ -207,11 +207,8 @@ impl Run {
 
     /// When to ask again, if nothing happens before.
     pub fn deadline(&self, pace: &Pace) -> Option<Tick> {
-        let of_images = if self.leaving.is_none() { Some(self.ends) } else { None };
-        [self.travel.move_ends(), of_images, self.patience_ends(pace).filter(|_| self.leaving.is_none())]
-            .into_iter()
-            .flatten()
-            .min()
+        // A move is not broken off: what the time asks for is seen when it has ended.
+        self.travel.move_ends().or_else(|| Some(self.ends.min(self.patience_ends(pace)?)))
     }
 
     fn patience_ends(&self, pace: &Pace) -> Option<Tick> {

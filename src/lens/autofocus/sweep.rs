@@ -10,11 +10,16 @@ use std::time::Duration;
 
 /// Parts of the time allowed by which the wide pass is done, one that is repeated, and those about the peak.
 const WIDE_PART: f64 = 0.5;
-const REPEATED_PART: f64 = 0.8;
-const CLOSE_PART: f64 = 0.87;
+const REPEATED_PART: f64 = 0.75;
+const CLOSE_PART: f64 = 0.9;
 /// Wide passes, passes about the peak, and moves to the best focus.
-const WIDE_PASSES: u8 = 2;
-const CLOSE_PASSES: u8 = 2;
+const WIDE_PASSES: u8 = 3;
+const CLOSE_PASSES: u8 = 3;
+/// Steps of a pass about the positions at which stars were matched, and of one of several about the peak at least.
+const POSITIONS_WITH_STARS: i32 = 10;
+const POSITIONS_OF_ONE: u32 = 6;
+/// A wide pass that has a clear peak this many widths behind it, and no stars since, has seen enough.
+const ENOUGH_WIDTHS: f64 = 4.0;
 const SETTLINGS: u8 = 2;
 /// Images with known stars that confirm the focus, and images taken for that at most.
 const CONFIRMING: u32 = 2;
@@ -108,8 +113,8 @@ impl Sweep {
     pub fn next(&mut self, now: Tick, here: i32, pace: &mut Pace) -> Next {
         match self.stage {
             Stage::Wide(pass, round) => match self.along(&pass, here, now, pace) {
-                Some(next) => Next::Go(next),
-                None => self.after_wide(now, round, pace),
+                Some(next) if !self.has_seen_enough(here) => Next::Go(next),
+                _ => self.after_wide(now, round, pace),
             },
             Stage::Close(pass, round) => match self.along(&pass, here, now, pace) {
                 Some(next) => Next::Go(next),
@@ -137,16 +142,14 @@ impl Sweep {
                 self.close_in(now, 1, pace)
             }
             Verdict::Edge(side) => Next::End(End::empty(Ending::Edge(side))),
-            Verdict::NoPeak | Verdict::TooFew if round < WIDE_PASSES => {
-                let pass = Pass {
-                    first: self.range.0,
-                    last: self.range.1,
-                    step: self.step,
-                    until: self.begun + self.allowed.mul_f64(REPEATED_PART),
-                };
-                self.stage = Stage::Wide(pass, round + 1);
-                pace.begin();
-                Next::Go(pass.first)
+            Verdict::NoPeak | Verdict::TooFew
+                if round < WIDE_PASSES && now < self.begun + self.allowed.mul_f64(REPEATED_PART) =>
+            {
+                let part = if round + 1 < WIDE_PASSES { REPEATED_PART } else { CLOSE_PART };
+                let until = self.begun + self.allowed.mul_f64(part);
+                let whole = Pass { first: self.range.0, last: self.range.1, step: self.step, until };
+                self.stage = Stage::Wide(self.where_stars_are(until).unwrap_or(whole), round + 1);
+                self.begin(pace)
             }
             Verdict::NoPeak => Next::End(End::empty(Ending::NoPeak)),
             Verdict::TooFew => Next::End(End::empty(Ending::TooFew)),
@@ -160,15 +163,55 @@ impl Sweep {
                 if round < CLOSE_PASSES { self.close_in(now, round + 1, pace) } else { self.settle(now, 1, pace) }
             }
             Verdict::Edge(side) => Next::End(End::empty(Ending::Edge(side))),
+            // What the wide pass saw by the brightest source need not hold; the stars that were matched tell where to look again.
+            Verdict::NoPeak | Verdict::TooFew if round < CLOSE_PASSES => {
+                match self.where_stars_are(self.begun + self.allowed.mul_f64(CLOSE_PART)) {
+                    Some(pass) => {
+                        self.stage = Stage::Close(pass, round + 1);
+                        self.begin(pace)
+                    }
+                    None => Next::End(End::empty(Ending::NoPeak)),
+                }
+            }
             Verdict::NoPeak | Verdict::TooFew => Next::End(End::empty(Ending::NoPeak)),
         }
+    }
+
+    /// Whether the best focus lies so far behind that further positions would only take time.
+    fn has_seen_enough(&self, here: i32) -> bool {
+        let with_stars = self.samples.iter().filter(|sample| !sample.stars.is_empty());
+        let far = |from: f64| f64::from(here) - from > ENOUGH_WIDTHS * self.width;
+        if !with_stars.map(|sample| sample.position).max().is_some_and(|last| f64::from(here - last) > self.width) {
+            return false;
+        }
+        matches!(self.judge(), Verdict::Peak(peak) if peak.is_by_stars() && far(peak.best_at(self.begun).counts.value))
+    }
+
+    /// Begins the pass that the stage has.
+    fn begin(&mut self, pace: &mut Pace) -> Next {
+        pace.begin();
+        self.ordered = None;
+        match self.stage {
+            Stage::Wide(pass, _) | Stage::Close(pass, _) => Next::Go(pass.first),
+            Stage::Settled(..) => Next::Stay,
+        }
+    }
+
+    /// A pass about the positions at which stars were matched.
+    fn where_stars_are(&self, until: Tick) -> Option<Pass> {
+        let margin = self.width.round().clamp(1.0, 1e6) as i32;
+        let with_stars = || self.samples.iter().filter(|sample| !sample.stars.is_empty()).map(|sample| sample.position);
+        let (low, high) = (with_stars().min()?, with_stars().max()?);
+        let (first, last) = (self.inside(low.saturating_sub(margin)), self.inside(high.saturating_add(margin)));
+        Some(Pass { first, last, step: self.step.max((last - first) / POSITIONS_WITH_STARS), until })
     }
 
     /// Begins a pass about the peak, if there is time for one.
     fn close_in(&mut self, now: Tick, round: u8, pace: &mut Pace) -> Next {
         let until = self.begun + self.allowed.mul_f64(CLOSE_PART);
         let left = until.saturating_sub(now);
-        let share = left / u32::from(CLOSE_PASSES.saturating_sub(round) + 1);
+        let passes = (pace.steps_in(left) / POSITIONS_OF_ONE).clamp(1, u32::from(CLOSE_PASSES.saturating_sub(round)) + 1);
+        let share = left / passes;
         let pass = self.peak.as_ref().and_then(|peak| {
             let best = peak.best_at(now + share / 2);
             // Where there is no time for all passes, there may be for one.
@@ -177,8 +220,7 @@ impl Sweep {
         match pass {
             Some(pass) => {
                 self.stage = Stage::Close(pass, round);
-                pace.begin();
-                Next::Go(pass.first)
+                self.begin(pace)
             }
             None => self.settle(now, 1, pace),
         }
@@ -203,10 +245,9 @@ impl Sweep {
             (sum + weight * ratio.value, weights + weight)
         });
         let confirmed = (weights > 0.0).then(|| sum / weights + 2.0 / weights.sqrt() >= CONFIRMED);
-        // What was seen here may have moved the peak a little; a peak that it took away was none.
-        match self.judge() {
-            Verdict::Peak(peak) => self.peak = Some(peak),
-            _ => return Next::End(self.not_confirmed(now)),
+        // What was seen here may have moved the peak a little.
+        if let Verdict::Peak(peak) = self.judge() {
+            self.peak = Some(peak);
         }
         let Some(best) = self.peak.as_ref().map(|peak| peak.best_at(now)) else { return Next::End(self.not_confirmed(now)) };
         let off = (best.counts.value - f64::from(here)).abs();

@@ -7,7 +7,7 @@ use crate::command::Tick;
 use serde::Serialize;
 
 /// One σ of what the best focus may drift by, counts/min, as far as it is known beforehand.
-const DRIFT_SIGMA: f64 = 3.0;
+const DRIFT_SIGMA: f64 = 2.0;
 /// A curve betters χ² by this much over a constant, in units of its scatter: 6 σ, as there were many to choose from.
 const CLEAR_GAIN: f64 = 36.0;
 /// Positions with data that a curve needs, and on either side of its peak.
@@ -79,6 +79,11 @@ impl Peak {
         }
     }
 
+    /// Whether the stars tell it, not the brightest source.
+    pub fn is_by_stars(&self) -> bool {
+        self.curve != Curve::Brightest
+    }
+
     /// Peaks of an image's known stars over those that the curves have at its place and time: their mean and its σ.
     pub fn against(&self, sample: &Sample) -> Option<Metric> {
         let (mut sum, mut weights) = (0.0, 0.0);
@@ -96,7 +101,7 @@ impl Peak {
         (weights > 0.0).then(|| Metric { value: sum / weights, sigma: weights.sqrt().recip() })
     }
 
-    /// The focus curve's width as the images' own widths tell it: see [`super::width`].
+    /// How far the lens stood from the best focus when an image was taken, counts.
     pub fn offset(&self, sample: &Sample) -> f64 {
         f64::from(sample.position) - self.fit.best_at(minutes(sample.captured)).0
     }
