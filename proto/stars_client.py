@@ -10,6 +10,8 @@ or as a module: Stream turns received bytes into messages, encode() makes a fram
 """
 
 import argparse
+import hashlib
+import hmac
 import json
 import os
 import socket
@@ -505,11 +507,86 @@ class Stream:
             yield decode(covered[0], covered[1], covered[2:])
 
 
+ACTS = {"run": 1, "arm": 2, "fire": 3}
+COMMAND_LASTS_S = 15.0
+
+
+def parse_command(text):
+    """A command as people write it, `arm` or `fire` before a hazardous one: what to do, its code and its values."""
+    with open(os.path.join(os.path.dirname(os.path.abspath(__file__)), "schema.json"), encoding="utf-8") as file:
+        known = {command["name"]: command for command in json.load(file)["commands"]}
+    words = text.split()
+    act = words.pop(0) if words and words[0] in ("arm", "fire") else "run"
+    if not words or words[0] not in known:
+        raise ValueError(f"no command is called {' '.join(words[:1])!r}")
+    command = known[words.pop(0)]
+    if len(words) != len(command["values"]):
+        raise ValueError(f"{command['name']} takes {', '.join(v['name'] for v in command['values']) or 'no values'}")
+    values = []
+    for word, value in zip(words, command["values"]):
+        number = float(value["words"].index(word)) if value["words"] else float(word)
+        low, high = value["range"]
+        if not low <= number <= high or value["whole"] and number != int(number):
+            raise ValueError(f"{command['name']}: {value['name']} = {word}, expected {low} to {high}")
+        values.append(number)
+    return act, command["code"], values + [0.0] * (8 - len(values))
+
+
+class Relay:
+    """Commands from the ground, given one after the other, each when the one before has had its last reply."""
+
+    def __init__(self, texts, key):
+        self.waiting, self.key = [parse_command(text) for text in texts], key
+        self.given, self.counters, self.blocks = None, {}, 0
+        self.acknowledged, self.refused = 0, 0
+
+    def block(self, boot_id, camera_boot_id, lease, last, now):
+        """The next block; `lease`: the epoch of the lease that we hold, or None."""
+        if self.given and now - self.given["at"] > COMMAND_LASTS_S and not self.given["accepted"]:
+            self.given, self.refused = None, self.refused + 1
+        if self.waiting and not self.given and lease is not None and self.blocks > 0:
+            act, code, values = self.waiting.pop(0)
+            counter = self.counters[code] = self.counters.get(code, 0) + 1
+            sealed = struct.pack("<BBI8d", code, ACTS[act], counter, *values)
+            self.given = {"code": code, "act": ACTS[act], "counter": counter, "values": values, "seal": zlib.crc32(sealed),
+                          "at": now, "accepted": False}
+        slots = []
+        if self.given and not self.given["accepted"]:
+            slots.append({"command": self.given["code"], "act": self.given["act"], "counter": self.given["counter"],
+                          "age_s": now - self.given["at"], "values": self.given["values"], "seal": self.given["seal"]})
+        values = {"sequence": self.blocks, "boot_id": boot_id, "camera_boot_id": camera_boot_id, "lease_epoch": lease or 0,
+                  "last_update_sequence": last, "acknowledged": self.acknowledged, "slots_count": len(slots), "slots": slots}
+        if self.key:
+            tag = hmac.new(self.key, BODIES[KINDS["commands"]].encode(values)[:-33], hashlib.sha256).digest()
+            values["tag"] = list(tag)
+        self.blocks += 1
+        return encode("commands", values)
+
+    def take(self, update, us):
+        """The replies in an update that are new."""
+        new = [reply for reply in update["replies"] if reply["serial"] > self.acknowledged]
+        for reply in new:
+            self.acknowledged = max(self.acknowledged, reply["serial"])
+            ours = self.given and (reply["flight_computer"], reply["command"], reply["counter"]) == (
+                us, self.given["code"], self.given["counter"])
+            if ours:
+                self.given["accepted"] = True
+                if reply["stage"] in ("completed", "rejected", "failed"):
+                    self.refused += reply["stage"] != "completed"
+                    self.given = None
+        return new
+
+    def idle(self):
+        return not self.waiting and not self.given
+
+
 class Client:
     """A flight computer that shakes hands, sends its status on a steady schedule and hands on what it gets."""
 
     def __init__(self, options, show):
         self.options, self.show = options, show
+        key = bytes.fromhex(open(options.key_file, encoding="ascii").read()) if options.key_file else None
+        self.relay = Relay(options.send, key)
         self.started = time.monotonic()
         self.boot_id = struct.unpack("<I", os.urandom(4))[0]
         self.updates = 0
@@ -532,6 +609,8 @@ class Client:
         })
 
     def done(self):
+        if self.options.send and self.options.updates is None:
+            return self.relay.idle()
         return self.options.updates is not None and self.updates >= self.options.updates
 
     def serve(self, link):
@@ -539,11 +618,14 @@ class Client:
         link.sendall(self.hello())
         stream, heard = Stream(), time.monotonic()
         sequence, received, last = 0, 0, None
+        camera_boot, lease = 0, None
+        self.relay.blocks, self.relay.acknowledged = 0, 0
         due = None  # no status before the camera's hello
         while not self.done():
             now = time.monotonic()
             if due is not None and now >= due:
                 link.sendall(self.status(sequence, received, last))
+                link.sendall(self.relay.block(self.boot_id, camera_boot, lease, last, now))
                 sequence += 1
                 # The schedule stays where it was, however late this one is.
                 due += STATUS_PERIOD_S * (1 + int((now - due) / STATUS_PERIOD_S))
@@ -564,13 +646,17 @@ class Client:
                     if low > min(VERSION_CURRENT, values["version_current"]):
                         return "no version in common"
                     due = time.monotonic()
+                    camera_boot = values["boot_id"]
                     self.show("connected", values)
                 elif name == "refuse":
                     return f"refused: {values['refusal']}: {values['detail']}"
                 elif name == "update" and not self.done():
                     received, last = received + 1, values["sequence"]
                     self.updates += 1
+                    lease = values["lease_epoch"] if values["you_are_in_charge"] else None
                     self.show("update", values)
+                    for reply in self.relay.take(values, self.options.id):
+                        self.show("command", reply)
         return None
 
     def run(self):
@@ -583,7 +669,7 @@ class Client:
             except (OSError, WireError) as error:
                 reason = str(error)
             if reason is None:
-                return 0
+                return 1 if self.relay.refused else 0
             self.show("closed", {"reason": reason})
             if self.options.once:
                 return 1
@@ -619,6 +705,9 @@ def main():
     parser.add_argument("--latitude-deg", type=float, help="observer's latitude to send")
     parser.add_argument("--sidereal-time-h", type=float, help="observer's sidereal time to send")
     parser.add_argument("--updates", type=int, help="end after so many updates")
+    parser.add_argument("--send", metavar="COMMAND", action="append", default=[],
+                        help="command to send, such as 'lens.set_focus 3030'; repeatable; exit 1 if one is refused or fails")
+    parser.add_argument("--key-file", metavar="FILE", help="key that this computer shares with the camera, 64 hex digits")
     parser.add_argument("--retry", type=float, default=RETRY_S, help="seconds before connecting again (9)")
     parser.add_argument("--once", action="store_true", help="do not connect again: exit 1 when the connection ends")
     parser.add_argument("--json", action="store_true", help="print JSON lines")
@@ -633,6 +722,10 @@ def main():
         frame = encode(name, values)
         print("\n".join(frame[i:i + 32].hex() for i in range(0, len(frame), 32)))
     elif options.connect:
+        try:
+            [parse_command(text) for text in options.send]
+        except ValueError as error:
+            parser.error(str(error))
         try:
             return Client(options, printer(options.json, time.monotonic())).run()
         except KeyboardInterrupt:

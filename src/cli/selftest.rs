@@ -4,8 +4,9 @@ use super::judge::Judged;
 use super::{ConfigArgs, NEGATIVE, print};
 use crate::camera::{Directory, Moment, Source};
 use crate::catalog::Catalogue;
+use crate::command::FlightComputer;
 use crate::image::ImageCounter;
-use crate::service::{Clock, Stars, load_bad_pixels, prepare, utc_now};
+use crate::service::{Clock, Keys, Stars, load_bad_pixels, prepare, utc_now};
 use crate::settings::{CameraKind, LensKind, NO_ARAVIS, Settings};
 use crate::simulate::sky::{Kind, RenderSpec, Rendered, render};
 use crate::sky::{ARCSEC, ClockQuality};
@@ -81,6 +82,7 @@ impl Args {
         say("bad pixels", load_bad_pixels(&settings).map(|_| list(&settings)).map_err(|error| error.to_string()).into())?;
         say("network", network(&settings).into())?;
         say("disk", disk(&settings))?;
+        say("commands", commands(&settings))?;
         say("clock", clock())?;
         let simulated =
             [("camera", settings.camera.kind == CameraKind::Sky), ("lens", settings.lens.kind == LensKind::Simulated)];
@@ -190,6 +192,31 @@ fn camera(settings: &Settings) -> Verdict {
             }
         },
     }
+}
+
+/// Whether keys, ledger and programs are as the settings say. Nothing is written or run.
+fn commands(settings: &Settings) -> Verdict {
+    let commands = &settings.commands;
+    let keys = match Keys::read(commands) {
+        Err(problem) => return Verdict::Bad(problem),
+        Ok(keys) => keys,
+    };
+    let programs = [
+        ("shut_down_program", &commands.shut_down_program),
+        ("restart_program", &commands.restart_program),
+        ("network_reset_program", &commands.network_reset_program),
+    ];
+    for (name, program) in programs {
+        if !program.is_empty() && !std::path::Path::new(program).is_file() {
+            return Verdict::Bad(format!("commands.{name} = \"{program}\": no such file"));
+        }
+    }
+    let named = [1, 2].into_iter().filter(|id| keys.has(FlightComputer(*id))).count();
+    let keys = format!("{named} keys, authentication {}", if keys.required() { "required" } else { "not required" });
+    if commands.ledger_directory.is_empty() {
+        return Verdict::Note(format!("{keys}; counters do not survive a restart (commands.ledger_directory)"));
+    }
+    Verdict::Good(format!("{keys}; counters in {}", commands.ledger_directory))
 }
 
 /// Whether the lens's port is there. Nothing is sent.

@@ -186,6 +186,7 @@ impl Hub {
                 biased;
                 Some(message) = inbox.recv() => self.take(&mut state, message),
                 () = sleep_until(lapse) => self.arbitrate(&mut state, Event::Time, Instant::now()),
+                () = sleep_until(state.lull_ends()) => self.reset_after_lull(&mut state),
                 () = sleep_until(focus) => self.tell_focus(&mut state, autofocus::Event::Time),
                 () = self.stop.cancelled() => return Ok(()),
             }
@@ -290,6 +291,7 @@ impl Hub {
 
     fn take_status(&self, state: &mut State, computer: FlightComputer, status: Box<Status>, at: Instant, hears_us: bool) {
         let Some(peer) = state.peers.iter_mut().find(|peer| peer.computer == computer) else { return };
+        state.heard = at;
         let claims = status.claims_charge;
         let uptime = Duration::try_from_secs_f64(status.uptime_s).ok();
         let observer = status.observer();

@@ -9,9 +9,13 @@ use std::path::Path;
 use std::process::Stdio;
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::time::Instant;
 
 /// A program that a command runs must end within this time; otherwise it is killed.
 const PROGRAM_ENDS_WITHIN: Duration = Duration::from_secs(60);
+
+/// The number of no order: what nobody gave.
+const NOBODY: OrderNumber = OrderNumber(0);
 
 /// How an order went at once, or that its result comes later.
 enum Done {
@@ -146,6 +150,15 @@ impl Hub {
             Some(Err(_)) => Done::Not(Refusal::Busy, "the camera has as many requests as it may".to_owned()),
             None => Done::Not(Refusal::Device, "there is no camera".to_owned()),
         }
+    }
+
+    /// Resets the network because no flight computer was heard for long: as the command would, but nobody is told.
+    pub(super) fn reset_after_lull(&self, state: &mut State) {
+        let program = state.settings.commands.network_reset_program.clone();
+        tracing::warn!(program, "no flight computer was heard for long: the network is reset");
+        state.heard = Instant::now();
+        state.network_resets = state.network_resets.saturating_add(1);
+        self.run_program(NOBODY, "network_reset_program", &program);
     }
 
     /// Runs a program of the settings, with no arguments and nothing to read; its end comes back as a message.

@@ -11,6 +11,7 @@ use crate::solve::{Outcome, Prior, Report};
 use crate::wire::Status;
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::time::Instant;
 
 /// All that is true now.
@@ -50,6 +51,10 @@ pub struct State {
     pub settings_commanded: u16,
     /// The camera's gain, dB; known only while no change of it is under way.
     pub camera_gain: Option<f64>,
+    /// When a flight computer was last heard, or the network was reset by itself.
+    pub heard: Instant,
+    /// Times that the network was reset by itself.
+    pub network_resets: u32,
     /// Set where the program is to end.
     pub ending: Option<Ending>,
     /// The observer as a flight computer in charge last sent it, and when.
@@ -201,6 +206,8 @@ impl State {
             settings,
             settings_commanded: 0,
             camera_gain: None,
+            heard: Instant::now(),
+            network_resets: 0,
             ending: None,
             observer: None,
             counters: Counters::default(),
@@ -241,6 +248,13 @@ impl State {
     /// Where the focus is, to tell a large move.
     pub fn focus(&self) -> Focus {
         Focus { position: self.focus_known().map(|counts| counts.0), large_move: self.settings.lens.large_move_counts }
+    }
+
+    /// When the network is to be reset by itself, if no flight computer is heard before; `None` where it is not to be.
+    pub fn lull_ends(&self) -> Option<Instant> {
+        let commands = &self.settings.commands;
+        let wanted = commands.network_lull && !commands.network_reset_program.is_empty();
+        wanted.then(|| self.heard + Duration::from_secs_f64(commands.network_lull_s))
     }
 
     /// Puts other settings in force.
@@ -284,7 +298,6 @@ impl State {
 mod tests {
     use super::*;
     use crate::sky::DEG;
-    use std::time::Duration;
 
     #[tokio::test(start_paused = true)]
     async fn an_observer_is_carried_forward_until_it_is_too_old() {

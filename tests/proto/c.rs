@@ -1,6 +1,8 @@
 //! The C header, and the C program that prints golden messages, from the layout tables.
 
 use crate::icd::flags;
+use stars::command::{Act, Definition};
+use stars::wire::Code;
 use stars::wire::{Field, Form, MAX_FRAME, PROTOCOL_CURRENT, PROTOCOL_MIN, SYNC, Scalar, Table, schema_hash, tables};
 use std::collections::HashSet;
 use std::fmt::Write;
@@ -79,6 +81,17 @@ pub fn header() -> String {
             enumerate(field, names, &mut text);
         }
     }
+    text.push_str("\n/* What to do with a command. */\nenum {\n");
+    for (place, name) in Act::NAMES.iter().enumerate() {
+        let _ = writeln!(text, "    STARS_ACT_{} = {},", name.to_uppercase(), place + 1);
+    }
+    text.push_str("};\n\n/* Commands, with their values. */\nenum {\n");
+    for definition in Definition::all() {
+        let name = definition.name.replace('.', "_").to_uppercase();
+        let values: String = definition.parameters.iter().map(|parameter| format!(" {}", parameter.name)).collect();
+        let _ = writeln!(text, "    STARS_COMMAND_{name} = {}, /*{values} */", definition.code);
+    }
+    text.push_str("};\n");
     for table in all_tables() {
         declare(table, &mut text);
     }

@@ -71,4 +71,21 @@ static inline size_t stars_put_frame(uint8_t *out, size_t room, uint8_t kind, co
     return size;
 }
 
+/* A command for a block, with its seal: make it once, when the ground gives it, and keep it; only `age_s` changes from block to
+ * block. `counter` counts the commands of this code since your boot, from 1; `values` in the order of the table of commands, zeros
+ * after them. */
+static inline stars_command_slot_t stars_command(int code, int act, uint32_t counter, const double values[8])
+{
+    stars_command_slot_t slot = {0};
+    slot.command = (uint8_t)code;
+    slot.act = (uint8_t)act;
+    slot.counter = counter;
+    for (int i = 0; i < 8; i++)
+        slot.values[i] = values[i];
+    const uint8_t *bytes = (const uint8_t *)&slot;
+    uint32_t seal = stars_crc32(0, bytes, offsetof(stars_command_slot_t, age_s));
+    slot.seal = stars_crc32(seal, bytes + offsetof(stars_command_slot_t, values), sizeof slot.values);
+    return slot;
+}
+
 #endif

@@ -1,6 +1,7 @@
 //! The tables of the interface control document, and `schema.json`, from the layout tables.
 
 use serde_json::{Value, json};
+use stars::command::{Definition, Parameter, Shape};
 use stars::wire::{Field, Form, Kind, MAX_FRAME, OVERHEAD, PROTOCOL_CURRENT, PROTOCOL_MIN, SYNC, Table, schema_hash, tables};
 use std::fmt::Write;
 
@@ -103,7 +104,30 @@ pub fn schema() -> Value {
         "sync": SYNC,
         "max_frame": MAX_FRAME,
         "messages": messages,
+        "commands": commands(),
     })
+}
+
+/// Every command with its values.
+fn commands() -> Vec<Value> {
+    let parameter = |parameter: &Parameter| {
+        let words = match parameter.shape {
+            Shape::Choice(words) => json!(words),
+            _ => Value::Null,
+        };
+        json!({
+            "name": parameter.name, "unit": parameter.unit, "range": [parameter.low, parameter.high],
+            "whole": parameter.shape != Shape::Real, "words": words, "meaning": parameter.meaning,
+        })
+    };
+    let command = |definition: &Definition| {
+        json!({
+            "code": definition.code, "name": definition.name, "meaning": definition.meaning,
+            "armed": format!("{:?}", definition.hazard), "available": definition.available,
+            "values": definition.parameters.iter().map(parameter).collect::<Vec<_>>(),
+        })
+    };
+    Definition::all().iter().map(command).collect()
 }
 
 fn describe(table: &Table) -> Value {

@@ -160,3 +160,98 @@ fn both_clients_say_why_they_were_refused() {
         assert!(text.contains("\"closed\"") && text.contains("no_common_version"), "{text}");
     }
 }
+
+/// `stars run` with a quick simulated lens, no camera, on a port of its own; it ends with the test.
+struct Camera {
+    child: Child,
+    port: u16,
+    _room: tempfile::TempDir,
+}
+
+impl Camera {
+    fn start(set: &[&str]) -> Self {
+        let room = tempfile::tempdir().unwrap();
+        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let mut run = Command::new(env!("CARGO_BIN_EXE_stars"));
+        run.current_dir(&room).args(["run", "--set", "camera.kind=none", "--set", "lens.simulated.speedup=20"]);
+        run.args(["--set", "catalog.cache_directory=cache", "--set", &format!("network.listen=127.0.0.1:{port}")]);
+        for one in set {
+            run.args(["--set", one]);
+        }
+        let child = run.stderr(Stdio::null()).spawn().unwrap();
+        let deadline = std::time::Instant::now() + Duration::from_secs(60);
+        while TcpStream::connect(("127.0.0.1", port)).is_err() {
+            assert!(std::time::Instant::now() < deadline, "the camera does not listen");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        Self { child, port, _room: room }
+    }
+}
+
+impl Drop for Camera {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// The stages that a client printed for commands of this name or code.
+fn stages_of(lines: &[Value]) -> Vec<String> {
+    let commands = lines.iter().filter(|line| line["kind"] == "command");
+    commands.map(|line| line["stage"].as_str().unwrap().to_owned()).collect()
+}
+
+const DONE: [&str; 3] = ["accepted", "started", "completed"];
+
+#[test]
+fn a_c_program_commands_the_running_service_and_reads_the_stages() {
+    let camera = Camera::start(&[]);
+    let room = tempfile::tempdir().unwrap();
+    let program = room.path().join("commander");
+    let source = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/proto/commander.c");
+    let include = format!("-I{}", proto("").display());
+    let arguments = ["-std=gnu11", "-O1", "-Wall", "-Wextra", "-Werror", &include, "-o", program.to_str().unwrap()];
+    crate::run("gcc", &[&arguments[..], &[source.to_str().unwrap()]].concat());
+    // The lens is read once it is found; until then a move is from an unknown position, and refused.
+    let wait = stars_fcp().args(["--connect", &format!("127.0.0.1:{}", camera.port), "--id", "2", "--updates", "6"]).output();
+    assert!(wait.unwrap().status.success());
+    let output = Command::new(&program).args([&camera.port.to_string(), "23", "2900"]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{:?}: {said}", output.status);
+    let stages: Vec<&str> = said.lines().collect();
+    assert_eq!(stages.len(), 3, "{said}");
+    assert!(stages[0].starts_with("command 23 stage 1") && stages[1].starts_with("command 23 stage 2"), "{said}");
+    assert!(stages[2].starts_with("command 23 stage 3: focus at 2900 counts"), "{said}");
+}
+
+#[test]
+fn both_other_clients_command_the_running_service_with_a_key() {
+    let room = tempfile::tempdir().unwrap();
+    let (key, wrong) = (room.path().join("key"), room.path().join("wrong"));
+    for (path, digits) in [(&key, "5a"), (&wrong, "5b")] {
+        std::fs::write(path, digits.repeat(32)).unwrap();
+        std::fs::set_permissions(path, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
+    }
+    let key_file = format!("commands.key_file_1={}", key.display());
+    let camera = Camera::start(&["commands.require_authentication=true", &key_file]);
+    let address = format!("127.0.0.1:{}", camera.port);
+    for (client, number) in [(python as fn() -> Command, "2901"), (stars_fcp, "2902")] {
+        let send = |key: &std::path::Path, commands: &[&str]| {
+            let mut command = client();
+            command.args(["--connect", &address, "--id", "1", "--in-charge", "--json", "--key-file", key.to_str().unwrap()]);
+            for text in commands {
+                command.args(["--send", text]);
+            }
+            let output = command.output().unwrap();
+            (output.status.code(), lines(&output))
+        };
+        let focus = format!("lens.set_focus {number}");
+        let (status, said) = send(&key, &["lens.get_focus", &focus]);
+        assert_eq!((status, stages_of(&said)), (Some(0), [DONE, DONE].concat().iter().map(|s| (*s).to_owned()).collect()));
+        let (status, said) = send(&wrong, &["lens.stop"]);
+        assert_eq!(status, Some(1), "{said:?}");
+        assert!(said.iter().all(|line| line["kind"] != "command" || line["stage"] == "rejected"), "{said:?}");
+        let (status, said) = send(&key, &["service.quit"]);
+        assert_eq!((status, stages_of(&said)), (Some(1), vec!["rejected".to_owned()]));
+    }
+}

@@ -9,6 +9,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "this is a test")]
 
 mod c;
+mod dictionary;
 mod icd;
 mod live;
 mod samples;
@@ -35,6 +36,7 @@ fn made() -> Vec<(PathBuf, String)> {
         (proto("stars_icd.h"), c::header()),
         (proto("check.c"), c::checker()),
         (proto("schema.json"), pretty(&icd::schema())),
+        (proto("stars.xtce.xml"), dictionary::xtce()),
     ];
     for (name, message) in samples::all() {
         files.push((golden(name, "hex"), to_hex(&frame(&message))));
@@ -123,7 +125,7 @@ fn assert_says_the_same(who: &str, name: &str, said: &str) {
 fn document() -> String {
     let mut text = std::fs::read_to_string(proto("ICD.md")).unwrap();
     let parts = tables().map(|(kind, table)| (table.name, icd::section(kind, table)));
-    for (name, part) in parts.chain([("framing", icd::framing())]) {
+    for (name, part) in parts.chain([("framing", icd::framing()), ("the commands", dictionary::command_table())]) {
         let (begin, end) = (format!("<!-- made from the tables: {name} -->\n"), format!("<!-- end of {name} -->\n"));
         let from = text.find(&begin).unwrap_or_else(|| panic!("ICD.md has no {begin}")) + begin.len();
         let to = text.find(&end).unwrap_or_else(|| panic!("ICD.md has no {end}"));
@@ -197,6 +199,38 @@ fn the_python_client_reads_the_golden_bytes_and_writes_them_again() {
         assert_says_the_same("Python", name, &run("python3", &arguments));
         let arguments = [client.to_str().unwrap(), "--encode-again", file.to_str().unwrap()];
         assert_eq!(run("python3", &arguments), to_hex(&golden_bytes(name)), "{name}");
+    }
+}
+
+/// Flattened as the dictionary has it: `sources_3_x_px`.
+fn flatten(value: &Value, name: &str, flat: &mut Vec<(String, Value)>) {
+    let below = |inner: &str| if name.is_empty() { inner.to_owned() } else { format!("{name}_{inner}") };
+    match value {
+        Value::Object(fields) => fields.iter().for_each(|(inner, value)| flatten(value, &below(inner), flat)),
+        // A matrix counts through.
+        Value::Array(rows) if rows.iter().all(Value::is_array) => {
+            let all: Vec<Value> = rows.iter().flat_map(|row| row.as_array().unwrap().clone()).collect();
+            flatten(&Value::Array(all), name, flat);
+        }
+        Value::Array(values) => values.iter().enumerate().for_each(|(n, value)| flatten(value, &below(&n.to_string()), flat)),
+        value => flat.push((name.to_owned(), value.clone())),
+    }
+}
+
+#[test]
+fn the_xtce_dictionary_reads_the_golden_bytes() {
+    bless();
+    let reader = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/proto/xtce.py");
+    for name in ["update_solved", "update_unsolved", "update_no_image"] {
+        let (dictionary, file) = (proto("stars.xtce.xml"), golden(name, "hex"));
+        let arguments = [reader.to_str().unwrap(), dictionary.to_str().unwrap(), "Update", file.to_str().unwrap()];
+        let said: Value = serde_json::from_str(&run("python3", &arguments)).unwrap();
+        let mut wanted = Vec::new();
+        flatten(&golden_json(name), "", &mut wanted);
+        assert!(wanted.len() > 100);
+        for (field, value) in wanted.iter().filter(|(_, value)| !value.is_null()) {
+            assert!(same(&said[field], value), "{name}.{field}: {}, not {value}", said[field]);
+        }
     }
 }
 
