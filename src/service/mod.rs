@@ -43,14 +43,14 @@ pub use codec::{Codec, LinkError};
 pub use file::{FileError, read_file};
 pub use flight_computer::{STATUS_PERIOD, Seen, Sighting, fly};
 pub use index::{IndexOrigin, Prepared, prepare};
-pub use lens::{Handle as LensHandle, SimulatedLens, ToLens};
+pub use lens::{Handle as LensHandle, LensAlone, SimulatedLens, ToLens};
 pub use parts::{Parts, PartsError, Stars, load_bad_pixels, load_catalogue};
 pub use session::Closed;
 pub use solver::{MakeSolver, Solve};
 pub use state::{Actor, CameraState, Counters, Finished, Peer, Readiness, Simulated, State};
 
 use crate::lens::Rules;
-use crate::settings::{LensKind, Settings};
+use crate::settings::{LensKind, LensSettings, Settings};
 use crate::wire::{Hello, Role};
 use camera::CameraActor;
 use hub::Hub;
@@ -254,20 +254,7 @@ pub fn start_with_lens(
     };
     let door = listener.clone();
     watchman.keep(&edges, Actor::Listener, move || door.clone().run());
-    let (to_lens, lens_inbox) = inbox::channel(LENS_INBOX);
-    let lens_actor = LensActor {
-        inbox: lens_inbox,
-        hub: hub.clone(),
-        ports: lens.as_ref().map(SimulatedLens::ports).or_else(|| lens::serial_ports(&settings.lens)),
-        rules: Rules::of(&settings.lens),
-        open: Arc::default(),
-        clock,
-        stop: edges.stop.clone(),
-    };
-    watchman.keep(&edges, Actor::Lens, move || lens_actor.clone().run());
-    if let Some(lens) = &lens {
-        edges.tracker.spawn(lens.clone().run(edges.stop.clone()).instrument(watchman.span.clone()));
-    }
+    let to_lens = watchman.keep_lens(&edges, &settings.lens, clock, lens.as_ref());
     if let Some(make) = parts.camera {
         let camera = CameraActor {
             make,
@@ -282,7 +269,7 @@ pub fn start_with_lens(
         watchman.keep(&edges, Actor::Camera, move || camera.clone().run());
     }
     let stages = [("camera or connections", edges), ("solver", solving), ("hub", owning), ("recorder", keeping)];
-    Ok(Running { address, state, clock, lens: LensHandle::new(to_lens), simulated_lens: lens, listener, stages })
+    Ok(Running { address, state, clock, lens: to_lens, simulated_lens: lens, listener, stages })
 }
 
 /// What the camera says of itself to whoever connects.
@@ -308,6 +295,25 @@ impl Watchman {
     {
         let kept = supervise(actor, self.hub.clone(), self.backoff, stage.stop.clone(), start);
         stage.tracker.spawn(kept.instrument(self.span.clone()));
+    }
+
+    /// Keeps the lens running: the one of the settings, or a simulated one with its controller.
+    fn keep_lens(&self, stage: &Stage, settings: &LensSettings, clock: Clock, simulated: Option<&SimulatedLens>) -> LensHandle {
+        let (to_lens, inbox) = inbox::channel(LENS_INBOX);
+        let actor = LensActor {
+            inbox,
+            hub: self.hub.clone(),
+            ports: simulated.map(SimulatedLens::ports).or_else(|| lens::serial_ports(settings)),
+            rules: Rules::of(settings),
+            open: Arc::default(),
+            clock,
+            stop: stage.stop.clone(),
+        };
+        self.keep(stage, Actor::Lens, move || actor.clone().run());
+        if let Some(controller) = simulated {
+            stage.tracker.spawn(controller.clone().run(stage.stop.clone()).instrument(self.span.clone()));
+        }
+        LensHandle::new(to_lens)
     }
 }
 

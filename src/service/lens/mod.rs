@@ -3,10 +3,12 @@
 //! It never waits for the port: words are short, and a port that takes none is lost. A stop therefore reaches the machine
 //! at once, whatever the controller does.
 
+mod alone;
 mod port;
 #[cfg_attr(not(unix), path = "no_terminal.rs")]
 mod simulated;
 
+pub use alone::LensAlone;
 pub use port::{Ports, serial_ports};
 pub use simulated::SimulatedLens;
 
@@ -14,7 +16,7 @@ use super::clock::Clock;
 use super::hub::{self, ToHub};
 use super::inbox::Inbox;
 use super::supervisor::Ended;
-use crate::lens::{Action, Control, Event, LensCommand, LensError, LensResult, LensState, RequestCounter, Rules};
+use crate::lens::{Action, Control, Doubt, Event, LensCommand, LensError, LensResult, LensState, RequestCounter, Rules};
 use port::{Opening, Port};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -95,6 +97,7 @@ impl LensActor {
 
     /// There is no lens: whatever is asked is refused.
     async fn refuse(self) -> Result<(), Ended> {
+        self.hub.tell(ToHub::Lens(Box::new(LensState::unknown(Doubt::NoLens)))).await;
         let mut inbox = self.inbox.open().await;
         loop {
             tokio::select! {
@@ -110,13 +113,8 @@ impl LensActor {
     async fn control(self, mut outside: Outside) -> Result<(), Ended> {
         let mut inbox = self.inbox.open().await;
         let mut control = Control::new(self.rules.clone());
-        let mut told: Option<LensState> = None;
+        let mut told = None;
         loop {
-            let state = control.state();
-            if told.as_ref() != Some(&state) {
-                self.hub.tell(ToHub::Lens(Box::new(state.clone()))).await;
-                told = Some(state);
-            }
             let deadline = control.deadline().map(|tick| self.clock.started() + tick);
             let event = tokio::select! {
                 biased;
@@ -125,7 +123,7 @@ impl LensActor {
                 event = outside.next() => event,
                 () = hub::sleep_until(deadline) => Event::Time,
             };
-            self.carry_out(&mut control, event, &mut outside).await;
+            self.carry_out(&mut control, event, &mut outside, &mut told).await;
         }
     }
 
@@ -142,11 +140,17 @@ impl LensActor {
         Event::Requests(all)
     }
 
-    /// Tells the machine, and does what it wants.
-    async fn carry_out(&self, control: &mut Control, event: Event, outside: &mut Outside) {
+    /// Tells the machine, and does what it wants. The hub knows that something will move before it is told to.
+    async fn carry_out(&self, control: &mut Control, event: Event, outside: &mut Outside, told: &mut Option<LensState>) {
         let mut event = Some(event);
         while let Some(now) = event.take() {
-            for action in control.on(self.clock.tick(Instant::now()), now) {
+            let actions = control.on(self.clock.tick(Instant::now()), now);
+            let state = control.state();
+            if told.as_ref() != Some(&state) {
+                self.hub.tell(ToHub::Lens(Box::new(state.clone()))).await;
+                *told = Some(state);
+            }
+            for action in actions {
                 match action {
                     Action::Open { nth } => outside.open(nth),
                     Action::Close => outside.port = None,
