@@ -65,6 +65,10 @@ def main():
         put("solve", f"sky{n}", sky(ra, dec))
     put("solve", "blank", bytes([4, 0, 255, 0]))
     put("bad_pixels", "list", b"# dead\n3 4\n23 15\n0 0\n")
+    for n, line in enumerate([b"fmin:-137  fmax:4063  current:2663", b"s:1.0", b"DONE3030,0", b"6,f22", b"ERR7", b"DONE:LA"]):
+        put("lens_reply", f"line{n}", line)
+    talk = b"\x07s:1.0\r" + b"\x01" + b"fmin:0  fmax:9  current:5\r" * 4 + b"0,f0\r" * 4 + b"\x02fmin:0  fmax:9  current:5\r" * 2
+    put("lens_reply", "talk", talk)
     for source in (PROJECT / "config").glob("*.toml"):
         put("settings", source.name, source.name[:1].encode() + source.read_bytes())
     put("settings", "assignment", b"ssolver.matching.min_matched=6")

@@ -51,7 +51,7 @@ pub use file::{FileError, read_file};
 pub use flight_computer::{STATUS_PERIOD, Seen, Sighting, fly};
 pub use index::{IndexOrigin, Prepared, prepare};
 pub use keys::Keys;
-pub use lens::{Handle as LensHandle, SimulatedLens, ToLens};
+pub use lens::{Handle as LensHandle, LensAlone, SimulatedLens, ToLens};
 pub use parts::{Parts, PartsError, Stars, load_bad_pixels, load_catalogue, simulated_lens, simulated_sky};
 pub use session::Closed;
 pub use solver::{MakeSolver, Solve};
@@ -59,7 +59,7 @@ pub use state::{Actor, CameraState, Counters, Ending, Finished, Peer, Readiness,
 
 use crate::command::{Guard, Memory, UNDER_WAY};
 use crate::lens::Rules;
-use crate::settings::Settings;
+use crate::settings::{LensSettings, Settings};
 use crate::wire::{Hello, Role};
 use camera::CameraActor;
 use focus::Focus;
@@ -215,7 +215,6 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
     let (to_recorder, recorder_inbox) = inbox::channel(RECORDER_INBOX);
     let (to_ledger, ledger_inbox) = inbox::channel(UNDER_WAY);
     let (to_camera, camera_inbox) = inbox::channel(CAMERA_INBOX);
-    let (to_lens, lens_inbox) = inbox::channel(LENS_INBOX);
     let (abort_solver, abort) = watch::channel(0);
     let hub = hub::Handle::new(to_hub);
     let backoff = Backoff::new(&settings.service);
@@ -234,6 +233,7 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
         };
         watchman.keep(&keeping, Actor::Recorder, move || recorder.clone().run());
     }
+    let to_lens = watchman.keep_lens(&edges, &settings.lens, clock, lens.as_ref());
     let keeps_counters = ledger.is_some();
     if let Some(ledger) = ledger {
         let actor = LedgerActor { inbox: ledger_inbox, hub: hub.clone(), ledger, stop: keeping.stop.clone() };
@@ -242,7 +242,7 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
     let owner = Hub {
         ledger: keeps_counters.then_some(to_ledger),
         camera: parts.camera.is_some().then_some(to_camera),
-        lens: LensHandle::new(to_lens.clone()),
+        lens: to_lens.clone(),
         focus: Focus::new(&settings.focus),
         abort_solver,
         initial: Arc::clone(&settings),
@@ -283,19 +283,6 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
     };
     let door = listener.clone();
     watchman.keep(&edges, Actor::Listener, move || door.clone().run());
-    let lens_actor = LensActor {
-        inbox: lens_inbox,
-        hub: hub.clone(),
-        ports: lens.as_ref().map(SimulatedLens::ports).or_else(|| lens::serial_ports(&settings.lens)),
-        rules: Rules::of(&settings.lens),
-        open: Arc::default(),
-        clock,
-        stop: edges.stop.clone(),
-    };
-    watchman.keep(&edges, Actor::Lens, move || lens_actor.clone().run());
-    if let Some(lens) = &lens {
-        edges.tracker.spawn(lens.clone().run(edges.stop.clone()).instrument(watchman.span.clone()));
-    }
     if let Some(make) = parts.camera {
         let camera = CameraActor {
             make,
@@ -311,7 +298,7 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
         watchman.keep(&edges, Actor::Camera, move || camera.clone().run());
     }
     let stages = [("camera or connections", edges), ("solver", solving), ("hub", owning), ("recorder", keeping)];
-    Ok(Running { address, state, clock, lens: LensHandle::new(to_lens), simulated_lens: lens, listener, stages })
+    Ok(Running { address, state, clock, lens: to_lens, simulated_lens: lens, listener, stages })
 }
 
 /// The ledger of counters, and what it remembers; none where the settings name no directory.
@@ -350,6 +337,25 @@ impl Watchman {
     {
         let kept = supervise(actor, self.hub.clone(), self.backoff, stage.stop.clone(), start);
         stage.tracker.spawn(kept.instrument(self.span.clone()));
+    }
+
+    /// Keeps the lens running: the one of the settings, or a simulated one with its controller.
+    fn keep_lens(&self, stage: &Stage, settings: &LensSettings, clock: Clock, simulated: Option<&SimulatedLens>) -> LensHandle {
+        let (to_lens, inbox) = inbox::channel(LENS_INBOX);
+        let actor = LensActor {
+            inbox,
+            hub: self.hub.clone(),
+            ports: simulated.map(SimulatedLens::ports).or_else(|| lens::serial_ports(settings)),
+            rules: Rules::of(settings),
+            open: Arc::default(),
+            clock,
+            stop: stage.stop.clone(),
+        };
+        self.keep(stage, Actor::Lens, move || actor.clone().run());
+        if let Some(controller) = simulated {
+            stage.tracker.spawn(controller.clone().run(stage.stop.clone()).instrument(self.span.clone()));
+        }
+        LensHandle::new(to_lens)
     }
 }
 

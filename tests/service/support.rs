@@ -4,7 +4,7 @@ use futures_util::{SinkExt, StreamExt};
 use stars::camera::{CameraError, Moment, Source};
 use stars::image::{Frame, Stamp};
 use stars::service::{Codec, LinkError, MakeSolver, MakeSource, Parts, Running, Solve, start_with};
-use stars::settings::Settings;
+use stars::settings::{LensKind, Settings};
 use stars::sky::RowOrder;
 use stars::solve::{Outcome, Prior, Reason, Report, Watch};
 use stars::wire::{Hello, Message, Refuse, Role, Status, Update};
@@ -20,7 +20,7 @@ use tokio_util::codec::Framed;
 /// A test that has waited this long for something has failed. Machines may be busy: nothing is proved by its coming sooner.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
-/// The flight settings on a free port, a frame every 0.2 s from the start, nothing kept.
+/// The flight settings on a free port, a frame every 0.2 s from the start, no lens, nothing kept.
 pub fn settings() -> Settings {
     let mut settings = Settings::flight().unwrap();
     settings.network.listen = "127.0.0.1:0".to_owned();
@@ -29,6 +29,7 @@ pub fn settings() -> Settings {
     settings.catalog.cache_directory = String::new();
     settings.record.enabled = false;
     settings.commands.ledger_directory = String::new();
+    settings.lens.kind = LensKind::None;
     settings
 }
 

@@ -76,6 +76,14 @@ impl<T: Copy> Axis<T> {
         self.expected = way;
     }
 
+    /// Where it should be, if it should be at one place.
+    pub fn place(&self) -> Option<T>
+    where
+        T: PartialEq,
+    {
+        self.expected.filter(|(from, to)| from == to).map(|(at, _)| at)
+    }
+
     /// Something went wrong that leaves it unknown. A doubt that only learning mends stays.
     pub fn doubt(&mut self, doubt: Doubt) {
         self.known = Known::Unknown(self.unlearned.unwrap_or(doubt));

@@ -23,8 +23,8 @@ pub(super) struct Job {
     pub step: Step,
     /// Times that this step was begun again.
     pub retries: u32,
-    /// A reading waits for a second one that says the same: there is no checksum on the line.
-    pub seen: Option<Reply>,
+    /// A reading that waits for others that say the same, for there is no checksum on the line; and how often it came.
+    pub seen: Option<(Reply, u32)>,
     /// Where the focus was before, and where it should be.
     pub way: Option<(FocusCounts, FocusCounts)>,
     /// Whether the asker knows that it is under way.

@@ -5,7 +5,8 @@
 //!
 //! - One word is out at a time. After anything unexpected the line is brought in step again with the word for the version: the
 //!   controller answers in order, so that what came before its reply belongs to earlier words.
-//! - A word that only asks is sent again a few times; one that moves never is. A reading counts when it came twice alike.
+//! - A word that only asks is sent again a few times; one that moves never is. A reading counts when it came twice
+//!   alike, and one that is not what it should be when it came four times.
 //! - The focus is read before and after a move. What it reads must be where it was before, and where it should be after.
 //! - After any doubt it is unknown until it is read again, or learned again where readings mean nothing any more. (Counts lost in a
 //!   move that are as many as its own can't be told from a motor that did not turn.)

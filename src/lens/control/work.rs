@@ -9,6 +9,11 @@ use crate::lens::request::{AperturePosition, FocusCounts, LensCommand, LensError
 use crate::lens::state::{Doubt, Known};
 use std::time::Duration;
 
+/// A reading that says what it should counts when it came this often alike.
+const EXPECTED_TIMES: u32 = 2;
+/// Any other: what is garbled is seldom garbled alike.
+const SURPRISING_TIMES: u32 = 4;
+
 impl Control {
     /// Begins with what is due next: what the lens must do by itself to be known, then the requests, then reads by and by.
     /// Whether there was anything.
@@ -125,18 +130,41 @@ impl Control {
             self.send(now, out);
             return;
         }
-        let before = job.seen.replace(reply.clone());
-        match before {
-            Some(before) if before == reply => self.take_reading(now, reply, out),
-            None => self.send(now, out),
-            Some(before) => {
+        let times = match job.seen.take() {
+            None => 1,
+            Some((before, times)) if before == reply => times + 1,
+            Some((before, _)) => {
                 let (sent, reply) = (job.word().map_or("", Word::label), format!("{reply:?} after {before:?}"));
-                self.step_failed(now, LensError::Unexpected { sent, reply }, out);
+                return self.step_failed(now, LensError::Unexpected { sent, reply }, out);
             }
+        };
+        job.seen = Some((reply.clone(), times));
+        if times < if self.is_expected(&reply) { EXPECTED_TIMES } else { SURPRISING_TIMES } {
+            self.send(now, out);
+        } else {
+            self.take_reading(now, reply, out);
         }
     }
 
-    /// A reading that came twice alike.
+    /// Whether a reading says what it should.
+    fn is_expected(&self, reply: &Reply) -> bool {
+        match (reply, self.job.as_ref()) {
+            (Reply::Focus { at, furthest }, Some(job)) => {
+                let goal = job.way.filter(|_| job.step == Step::After).map(|(_, goal)| goal);
+                let should = goal.or(self.focus.place());
+                self.span.is_some_and(|span| self.same(span, *furthest)) && should.is_some_and(|should| self.same(should, *at))
+            }
+            (Reply::Aperture(at), Some(Job { command: LensCommand::SetAperture(wanted), .. })) => at == wanted,
+            (Reply::Aperture(at), _) => self.aperture.place() == Some(*at),
+            _ => false,
+        }
+    }
+
+    fn same(&self, a: FocusCounts, b: FocusCounts) -> bool {
+        a.0.abs_diff(b.0) <= self.rules.tolerance
+    }
+
+    /// A reading that came often enough alike.
     fn take_reading(&mut self, now: Tick, reply: Reply, out: &mut Vec<Action>) {
         let Some(job) = self.job.clone() else { return };
         let result = match reply {
@@ -171,19 +199,18 @@ impl Control {
     fn take_focus(&mut self, job: &Job, at: FocusCounts, furthest: FocusCounts) -> Result<(), LensError> {
         self.range = Some((FocusCounts(0), furthest));
         let tolerance = self.rules.tolerance;
-        let same = |a: FocusCounts, b: FocusCounts| a.0.abs_diff(b.0) <= tolerance;
         let is_between = |at: FocusCounts, (a, b): (FocusCounts, FocusCounts)| {
             (i64::from(a.0.min(b.0)) - i64::from(tolerance)..=i64::from(a.0.max(b.0)) + i64::from(tolerance))
                 .contains(&at.0.into())
         };
-        if let Some(was) = self.span.replace(furthest).filter(|was| !same(*was, furthest)) {
+        if let Some(was) = self.span.replace(furthest).filter(|was| !self.same(*was, furthest)) {
             // The lens is as long as it was: counts were lost between its stops.
             self.focus.unlearn(Doubt::CountsLost);
             return Err(LensError::CountsLost { was: was.0, read: furthest.0 });
         }
         if let (Step::After, Some((start, goal))) = (job.step, job.way)
-            && !same(at, goal)
-            && !same(at, start)
+            && !self.same(at, goal)
+            && !self.same(at, start)
         {
             self.focus.unlearn(Doubt::Missed);
             return Err(LensError::Missed { wanted: goal.0, reached: at.0 });
@@ -196,7 +223,7 @@ impl Control {
             accepted => accepted?,
         }
         match (job.step, job.way) {
-            (Step::After, Some((_, goal))) if !same(at, goal) => Err(LensError::DidNotMove { wanted: goal.0, at: at.0 }),
+            (Step::After, Some((_, goal))) if !self.same(at, goal) => Err(LensError::DidNotMove { wanted: goal.0, at: at.0 }),
             (Step::Before, _) => {
                 let wanted = match job.command {
                     LensCommand::SetFocus(to) => i64::from(to.0),

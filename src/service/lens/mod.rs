@@ -3,10 +3,12 @@
 //! It never waits for the port: words are short, and a port that takes none is lost. A stop therefore reaches the machine
 //! at once, whatever the controller does.
 
+mod alone;
 mod port;
 #[cfg_attr(not(unix), path = "no_terminal.rs")]
 mod simulated;
 
+pub use alone::LensAlone;
 pub use port::{Ports, serial_ports};
 pub use simulated::SimulatedLens;
 
@@ -14,7 +16,7 @@ use super::clock::Clock;
 use super::hub::{self, ToHub};
 use super::inbox::Inbox;
 use super::supervisor::Ended;
-use crate::lens::{Action, Control, Event, LensCommand, LensError, LensResult, LensState, RequestCounter, Rules};
+use crate::lens::{Action, Control, Doubt, Event, LensCommand, LensError, LensResult, LensState, RequestCounter, Rules};
 use port::{Opening, Port};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -95,6 +97,7 @@ impl LensActor {
 
     /// There is no lens: whatever is asked is refused.
     async fn refuse(self) -> Result<(), Ended> {
+        self.hub.tell(ToHub::Lens(Box::new(LensState::unknown(Doubt::NoLens)))).await;
         let mut inbox = self.inbox.open().await;
         loop {
             tokio::select! {
@@ -110,9 +113,8 @@ impl LensActor {
     async fn control(self, mut outside: Outside) -> Result<(), Ended> {
         let mut inbox = self.inbox.open().await;
         let mut control = Control::new(self.rules.clone());
-        let mut told: Option<LensState> = None;
+        let mut told = None;
         loop {
-            self.tell(&control, &mut told).await;
             let deadline = control.deadline().map(|tick| self.clock.started() + tick);
             let event = tokio::select! {
                 biased;
@@ -138,28 +140,22 @@ impl LensActor {
         Event::Requests(all)
     }
 
-    /// Tells what is known of the lens, where that changed.
-    async fn tell(&self, control: &Control, told: &mut Option<LensState>) {
-        let state = control.state();
-        if told.as_ref() != Some(&state) {
-            self.hub.tell(ToHub::Lens(Box::new(state.clone()))).await;
-            *told = Some(state);
-        }
-    }
-
-    /// Tells the machine, and does what it wants. An answer comes after what it is about: whoever gets it knows where the lens is.
+    /// Tells the machine, and does what it wants. The hub knows that something will move before it is told to.
     async fn carry_out(&self, control: &mut Control, event: Event, outside: &mut Outside, told: &mut Option<LensState>) {
         let mut event = Some(event);
         while let Some(now) = event.take() {
-            for action in control.on(self.clock.tick(Instant::now()), now) {
+            let actions = control.on(self.clock.tick(Instant::now()), now);
+            let state = control.state();
+            if told.as_ref() != Some(&state) {
+                self.hub.tell(ToHub::Lens(Box::new(state.clone()))).await;
+                *told = Some(state);
+            }
+            for action in actions {
                 match action {
                     Action::Open { nth } => outside.open(nth),
                     Action::Close => outside.port = None,
                     Action::Send(bytes) => event = outside.send(&bytes).err().map(|why| Event::Lost { why }).or(event),
-                    Action::Answer { counter, result } => {
-                        self.tell(control, told).await;
-                        self.answer(counter, result).await;
-                    }
+                    Action::Answer { counter, result } => self.answer(counter, result).await,
                 }
             }
         }
