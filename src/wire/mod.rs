@@ -13,6 +13,7 @@ mod commands;
 mod element;
 mod frame;
 mod gyro;
+mod health;
 mod hello;
 mod image_part;
 mod json;
@@ -29,6 +30,7 @@ pub use commands::{CommandReply, CommandSlot, Commands, Control, SLOTS};
 pub use element::{Element, I32Le, List, Maybe, Text, U16Le, U32Le};
 pub use frame::{MAX_FRAME, OVERHEAD, SYNC};
 pub use gyro::{Exposure, Gyro, Rates};
+pub use health::{Actor, Health, LastEnd};
 pub use hello::{Hello, MAGIC, Role};
 pub use layout::{Field, Form, Scalar, Table};
 pub use message::{

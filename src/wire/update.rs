@@ -2,6 +2,7 @@
 
 use super::commands::Control;
 use super::element::body;
+use super::health::Health;
 use super::status::ObserverPart;
 use super::{Coded, I32Le, List, Maybe, Text, U16Le, U32Le};
 use crate::command::Refusal;
@@ -25,6 +26,8 @@ body! {
         image: Maybe<Image> => "";
         /// What became of commands. From version 2 on.
         control: Control => "";
+        /// Ages and limits of the housekeeping's values, restarts and their reasons. From version 2 on.
+        health: Health => "";
     }
 }
 

@@ -11,6 +11,7 @@
 #![allow(clippy::disallowed_methods, reason = "real sockets and processes are asked by the wall clock")]
 
 mod actors;
+mod housekeeping;
 mod program;
 mod sessions;
 mod support;
