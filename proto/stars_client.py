@@ -59,6 +59,8 @@ CODES = {
         "too_many_artefacts", "wrong_platescale", "mirrored", "wrong_prior", "lens_covered",
     ],
     "mode": ["normal", "robust"],
+    "last_end": ["clean", "commanded", "crashed", "computer_restarted"],
+    "actor": ["camera", "lens", "solver", "hub", "recorder", "ledger", "listener", "session", "housekeeping"],
 }
 
 # One field a line: its name and what it is, as a letter of `struct` (`96s` is text, `3x3d` an array, `B=list` a code of
@@ -277,6 +279,32 @@ LAYOUTS = {
             star_width_px_per_hour ?d
             star_width_px_per_kelvin ?d
         }
+        simulated_housekeeping ?
+        temperature_lens_age_s ?d
+        temperature_computer_age_s ?d
+        temperature_vessel_age_s ?d
+        temperature_plate_age_s ?d
+        temperature_dcdc_age_s ?d
+        temperature_flange_age_s ?d
+        pressure_age_s ?d
+        disk_free_age_s ?d
+        temperature_lens_alarm ?
+        temperature_computer_alarm ?
+        temperature_vessel_alarm ?
+        temperature_plate_alarm ?
+        temperature_dcdc_alarm ?
+        temperature_flange_alarm ?
+        pressure_alarm ?
+        disk_free_alarm ?
+        disk_days_left ?d
+        run_number ?I
+        last_end ?B=last_end
+        restarts_lens I
+        restarts_ledger I
+        restarts_housekeeping I
+        last_restart ?B=actor
+        last_restart_reason 64s
+        last_restart_age_s ?d
     """),
     5: ("gyro", """
         trigger_counter I

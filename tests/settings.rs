@@ -149,7 +149,7 @@ fn the_review_passes_the_example_and_lists_whatever_else_it_changes() {
     let answer = settings_in(dir.path(), &["--custom", "custom.toml", "--check", "--set", "record.queue_frames=3"]);
     assert_eq!((answer.code, answer.err.as_str()), (0, ""), "{}", answer.out);
     assert_eq!(answer.out.lines().last().unwrap(), "READY");
-    let others = answer.out.split("flight file's own (7)").nth(1).unwrap();
+    let others = answer.out.split("flight file's own (8)").nth(1).unwrap();
     for key in
         ["camera.kind", "camera.directory", "lens.kind", "lens.port", "network.listen", "solver.timeout_s", "record.queue_frames"]
     {

@@ -13,8 +13,9 @@ use tokio::signal::unix::{SignalKind, signal};
 
 /// Threads for what waits. The work is done on the blocking pool.
 const WORKERS: usize = 2;
-/// Threads of the blocking pool: the camera, the solver and the recorder need one each; the others are for those that hang.
-const BLOCKING: usize = 16;
+/// Threads of the blocking pool: camera, solver, recorder, ledger and each of eight sensors need one; the others are for those that
+/// hang.
+const BLOCKING: usize = 24;
 
 /// Runs the flight service: camera, solver, and updates to the flight computers
 #[derive(Debug, clap::Args)]

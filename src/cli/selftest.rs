@@ -1,12 +1,13 @@
 //! `stars selftest`: before launch, in daylight: is everything there that the flight service needs?
 
 use super::judge::Judged;
+use super::run::runtime;
 use super::{ConfigArgs, NEGATIVE, print};
 use crate::camera::{Directory, Moment, Source};
 use crate::catalog::Catalogue;
 use crate::command::FlightComputer;
 use crate::image::ImageCounter;
-use crate::service::{Clock, Keys, Stars, load_bad_pixels, prepare, utc_now};
+use crate::service::{Clock, Keys, SensorError, Stars, is_simulated, load_bad_pixels, prepare, read_once, utc_now};
 use crate::settings::{CameraKind, LensKind, NO_ARAVIS, Settings};
 use crate::simulate::sky::{Kind, RenderSpec, Rendered, render};
 use crate::sky::{ARCSEC, ClockQuality};
@@ -68,7 +69,7 @@ impl Args {
                     ("BAD", text)
                 }
             };
-            print(&format!("{word:<4}  {name:<10}  {text}"))
+            print(&format!("{word:<4}  {name:<20}  {text}"))
         };
         let stars = Stars::of(&settings).load();
         say("catalogue", stars.as_ref().map(|stars| catalogue(stars)).map_err(Clone::clone).into())?;
@@ -83,9 +84,15 @@ impl Args {
         say("network", network(&settings).into())?;
         say("disk", disk(&settings))?;
         say("commands", commands(&settings))?;
+        for (name, verdict) in sensors(&settings)? {
+            say(name, verdict)?;
+        }
         say("clock", clock())?;
-        let simulated =
-            [("camera", settings.camera.kind == CameraKind::Sky), ("lens", settings.lens.kind == LensKind::Simulated)];
+        let simulated = [
+            ("camera", settings.camera.kind == CameraKind::Sky),
+            ("lens", settings.lens.kind == LensKind::Simulated),
+            ("housekeeping", is_simulated(&settings)),
+        ];
         let simulated: Vec<&str> = simulated.into_iter().filter(|(_, is)| *is).map(|(name, _)| name).collect();
         if !simulated.is_empty() {
             say("simulated", Verdict::Note(format!("{}: not for a flight", simulated.join(" and "))))?;
@@ -261,6 +268,14 @@ fn disk(settings: &Settings) -> Verdict {
     });
     let removed = written.and_then(|()| std::fs::remove_file(&probe));
     removed.map(|()| format!("{name} takes files")).map_err(|error| format!("record.directory = \"{name}\": {error}")).into()
+}
+
+/// Whether each sensor gives a value.
+fn sensors(settings: &Settings) -> anyhow::Result<Vec<(&'static str, Verdict)>> {
+    let runtime = runtime()?;
+    let _within = runtime.enter();
+    let verdict = |read: Result<String, SensorError>| read.map_err(|error| error.to_string()).into();
+    Ok(read_once(settings).into_iter().map(|(name, read)| (name, verdict(read))).collect())
 }
 
 fn clock() -> Verdict {

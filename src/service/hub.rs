@@ -3,12 +3,13 @@
 use super::camera;
 use super::clock::Clock;
 use super::focus::Focus;
+use super::housekeeping::Measurements;
 use super::inbox::Inbox;
 use super::ledger::{self, Keep};
 use super::lens;
 use super::recorder;
 use super::session::Closed;
-use super::state::{Actor, CameraState, Finished, Peer, Readiness, State};
+use super::state::{Actor, CameraState, Finished, Peer, Readiness, Restart, State};
 use super::supervisor::Ended;
 use crate::command::{
     Authenticity, BootId, Decision, Event, FlightComputer, OrderNumber, Refusal, Sender, Situation, Stage, Step, Tick, Verdict,
@@ -118,8 +119,15 @@ pub enum ToHub {
         /// How far.
         result: LensResult,
     },
+    /// What was measured last.
+    Measured(Box<Measurements>),
     /// An actor was started again.
-    Restarted(Actor),
+    Restarted {
+        /// Which.
+        actor: Actor,
+        /// Why it had ended.
+        why: String,
+    },
 }
 
 /// Tells the hub things.
@@ -244,7 +252,9 @@ impl Hub {
             ToHub::DiskError => counters.disk_errors = counters.disk_errors.saturating_add(1),
             ToHub::Lens(lens) => state.lens = Arc::from(lens),
             ToHub::LensResult { counter, result } => self.take_lens_result(state, self.clock.uptime(), counter, &result),
-            ToHub::Restarted(actor) => {
+            ToHub::Measured(measured) => state.measured = Arc::from(measured),
+            ToHub::Restarted { actor, why } => {
+                state.restarts.insert(actor, Restart { why: why.into(), at: Instant::now() });
                 let count = counters.restarts.entry(actor).or_default();
                 *count = count.saturating_add(1);
             }

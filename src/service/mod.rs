@@ -10,6 +10,7 @@
 //! | solver → hub | outcomes, readiness | the same | as above |
 //! | session → hub | connections, statuses, commands | the same | as above: this one peer is read later; its updates go on |
 //! | lens → hub | what is known of it, answers | the same | as above |
+//! | housekeeping → hub | what was measured last | the same | as above |
 //! | hub → lens | requests | 32 | refused as busy; the lens always takes: beyond 16 that wait it refuses by itself |
 //! | recorder, supervisor → hub | what was kept, lost, started again | the same | as above; the supervisor drops the count |
 //! | hub → camera | requests for its gain | 4 | the command fails as `busy` |
@@ -28,6 +29,7 @@ mod codec;
 mod file;
 mod flight_computer;
 mod focus;
+mod housekeeping;
 mod hub;
 mod inbox;
 mod index;
@@ -38,10 +40,12 @@ mod listener;
 mod orders;
 mod parts;
 mod recorder;
+mod runs;
 mod session;
 mod solver;
 mod state;
 mod supervisor;
+mod twin;
 mod update;
 
 pub use camera::MakeSource;
@@ -49,13 +53,15 @@ pub use clock::{Clock, utc_now};
 pub use codec::{Codec, LinkError};
 pub use file::{FileError, read_file};
 pub use flight_computer::{STATUS_PERIOD, Seen, Sighting, fly};
+pub use housekeeping::{Measurements, Quantity, Reading, SensorError, is_simulated, read_once};
 pub use index::{IndexOrigin, Prepared, prepare};
 pub use keys::Keys;
 pub use lens::{Handle as LensHandle, LensAlone, SimulatedLens, ToLens};
 pub use parts::{Parts, PartsError, Stars, load_bad_pixels, load_catalogue, simulated_lens, simulated_sky};
+pub use runs::Run;
 pub use session::Closed;
 pub use solver::{MakeSolver, Solve};
-pub use state::{Actor, CameraState, Counters, Ending, Finished, Peer, Readiness, Simulated, State};
+pub use state::{Actor, CameraState, Counters, Ending, Finished, Peer, Readiness, Restart, Simulated, State};
 
 use crate::command::{Guard, Memory, UNDER_WAY};
 use crate::lens::Rules;
@@ -63,11 +69,13 @@ use crate::settings::{LensSettings, Settings};
 use crate::wire::{Hello, Role};
 use camera::CameraActor;
 use focus::Focus;
+use housekeeping::Housekeeper;
 use hub::Hub;
 use ledger::{Ledger, LedgerActor};
 use lens::LensActor;
 use listener::Listener;
 use recorder::Recorder;
+use runs::{Asked, Runs};
 use session::{Shared, Strangers};
 use solver::SolverActor;
 use std::net::{IpAddr, SocketAddr};
@@ -157,6 +165,8 @@ pub struct Running {
     /// The simulated lens, where it is one: says where it truly is, and takes faults.
     pub simulated_lens: Option<SimulatedLens>,
     listener: Listener,
+    /// Where it is noted how this run ends; `None` where nothing is kept.
+    runs: Option<Runs>,
     /// In the order in which they are to end.
     stages: [(&'static str, Stage); 4],
 }
@@ -170,13 +180,28 @@ impl Running {
     /// Ends the service within 2 s: no further frame, the current one aborted, the last outcome kept. Names what did not end
     /// in time, if anything.
     pub async fn stop(self) -> Vec<&'static str> {
-        let mut late = Vec::new();
-        for (name, stage) in &self.stages {
-            if !stage.end().await {
-                late.push(*name);
+        let noted = note_end(self.runs, if self.state.borrow().ending.is_some() { Asked::Commanded } else { Asked::Here });
+        let ended = async {
+            let mut late = Vec::new();
+            for (name, stage) in &self.stages {
+                if !stage.end().await {
+                    late.push(*name);
+                }
             }
-        }
-        late
+            late
+        };
+        tokio::join!(ended, noted).0
+    }
+}
+
+/// Notes how this run ends, beside all else, if the disk lets it in time.
+async fn note_end(runs: Option<Runs>, asked: Asked) {
+    let Some(runs) = runs else { return };
+    let noted = tokio::task::spawn_blocking(move || runs.end(asked));
+    match tokio::time::timeout(STAGE_ENDS_WITHIN, noted).await {
+        Ok(Ok(Ok(()))) => {}
+        Ok(Ok(Err(error))) => tracing::error!(%error, "the end of this run is not noted"),
+        Ok(Err(_)) | Err(_) => tracing::error!("the end of this run is not noted in time"),
     }
 }
 
@@ -207,7 +232,8 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
     let simulated = Simulated::of(&settings);
     let keys = Keys::read(&settings.commands).map_err(StartError::Key)?;
     let (ledger, memory) = open_ledger(&settings.commands.ledger_directory)?;
-    let at_start = State { counters_kept: ledger.is_some(), ..State::new(Arc::clone(&settings), Guard::new(memory)) };
+    let (runs, run) = begin_run(&settings.commands.ledger_directory)?;
+    let at_start = State { counters_kept: ledger.is_some(), run, ..State::new(Arc::clone(&settings), Guard::new(memory)) };
     let (publish, state) = watch::channel(Arc::new(at_start));
     let [edges, solving, owning, keeping] = std::array::from_fn(|_| Stage::default());
     let (to_hub, hub_inbox) = inbox::channel(HUB_INBOX);
@@ -219,7 +245,11 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
     let hub = hub::Handle::new(to_hub);
     let backoff = Backoff::new(&settings.service);
     let span = if simulated.any() { tracing::info_span!("simulated") } else { Span::none() };
-    span.in_scope(|| tracing::info!(%address, camera = ?settings.camera.kind, lens = ?settings.lens.kind, "serving"));
+    span.in_scope(|| {
+        let Run { number, last_end } = run;
+        let (camera, lens) = (settings.camera.kind, settings.lens.kind);
+        tracing::info!(%address, ?camera, ?lens, run = number, ?last_end, "serving");
+    });
     let watchman = Watchman { hub: hub.clone(), backoff, span };
 
     if settings.record.enabled {
@@ -283,6 +313,17 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
     };
     let door = listener.clone();
     watchman.keep(&edges, Actor::Listener, move || door.clone().run());
+    let housekeeper = Housekeeper {
+        make: {
+            let (settings, stop) = (Arc::clone(&settings), edges.stop.clone());
+            Arc::new(move || housekeeping::sensors(&settings, &stop))
+        },
+        period: Duration::from_secs_f64(settings.housekeeping.period_s),
+        hub: hub.clone(),
+        clock,
+        stop: edges.stop.clone(),
+    };
+    watchman.keep(&edges, Actor::Housekeeping, move || housekeeper.clone().run());
     if let Some(make) = parts.camera {
         let camera = CameraActor {
             make,
@@ -298,7 +339,7 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
         watchman.keep(&edges, Actor::Camera, move || camera.clone().run());
     }
     let stages = [("camera or connections", edges), ("solver", solving), ("hub", owning), ("recorder", keeping)];
-    Ok(Running { address, state, clock, lens: to_lens, simulated_lens: lens, listener, stages })
+    Ok(Running { address, state, clock, lens: to_lens, simulated_lens: lens, listener, runs, stages })
 }
 
 /// The ledger of counters, and what it remembers; none where the settings name no directory.
@@ -306,12 +347,25 @@ fn open_ledger(directory: &str) -> Result<(Option<Ledger>, Memory), StartError> 
     if directory.is_empty() {
         return Ok((None, Memory::default()));
     }
-    let opened = Ledger::open(Path::new(directory));
+    let opened = ledger::open(Path::new(directory));
     let (ledger, memory, complaints) = opened.map_err(|error| StartError::Ledger { directory: directory.to_owned(), error })?;
     complaints
         .iter()
         .for_each(|complaint| tracing::error!(complaint, "the ledger of commands is damaged; the other copy is used"));
     Ok((Some(ledger), memory))
+}
+
+/// The mark of this run, and which it is; none where the settings name no directory.
+fn begin_run(directory: &str) -> Result<(Option<Runs>, Run), StartError> {
+    if directory.is_empty() {
+        return Ok((None, Run::default()));
+    }
+    let begun = Runs::begin(Path::new(directory));
+    let (runs, run, complaints) = begun.map_err(|error| StartError::Ledger { directory: directory.to_owned(), error })?;
+    complaints
+        .iter()
+        .for_each(|complaint| tracing::error!(complaint, "the mark of the last run is damaged, or this one's not kept"));
+    Ok((Some(runs), run))
 }
 
 /// What the camera says of itself to whoever connects.

@@ -1,5 +1,7 @@
 //! The state: one immutable snapshot of all that is true now. The hub alone makes it; everybody else reads the newest.
 
+use super::housekeeping::{self, Measurements};
+use super::runs::Run;
 use super::session::Closed;
 use crate::command::{BootId, Desk, FlightComputer, Focus, Guard, InCharge, Lease, Tick};
 use crate::image::{ImageCounter, TriggerCounter};
@@ -8,6 +10,7 @@ use crate::lens::{AperturePosition, Doubt, FocusCounts, LensCommand, LensState, 
 use crate::settings::{CameraKind, LensKind, ObserverSettings, Settings};
 use crate::sky::Observer;
 use crate::solve::{Outcome, Prior, Report};
+pub use crate::wire::Actor;
 use crate::wire::Status;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -59,6 +62,12 @@ pub struct State {
     pub ending: Option<Ending>,
     /// The observer as a flight computer in charge last sent it, and when.
     pub observer: Option<(Observer, Instant)>,
+    /// Temperatures, pressure and disk.
+    pub measured: Arc<Measurements>,
+    /// The last restart of each actor that was ever started again.
+    pub restarts: BTreeMap<Actor, Restart>,
+    /// Which run of the service this is, and how the last one ended.
+    pub run: Run,
     /// What happened since the start.
     pub counters: Counters,
 }
@@ -77,6 +86,8 @@ pub struct Simulated {
     pub camera: bool,
     /// The lens is not a real one.
     pub lens: bool,
+    /// A value of the housekeeping is made up.
+    pub housekeeping: bool,
 }
 
 /// An outcome, the same in the units of the outside, and when its frame was captured.
@@ -152,27 +163,26 @@ pub struct Counters {
     pub closed: BTreeMap<Closed, u32>,
 }
 
-/// The parts of the service that are started again when they end.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[allow(missing_docs, reason = "the names are the meaning")]
-pub enum Actor {
-    Camera,
-    Lens,
-    Solver,
-    Hub,
-    Recorder,
-    Ledger,
-    Listener,
-    Session,
+/// An actor's last restart.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Restart {
+    /// Why it had ended.
+    pub why: Arc<str>,
+    /// When it was started again.
+    pub at: Instant,
 }
 
 impl Simulated {
     /// As the settings have it.
     pub fn of(settings: &Settings) -> Self {
-        Self { camera: settings.camera.kind == CameraKind::Sky, lens: settings.lens.kind == LensKind::Simulated }
+        Self {
+            camera: settings.camera.kind == CameraKind::Sky,
+            lens: settings.lens.kind == LensKind::Simulated,
+            housekeeping: housekeeping::is_simulated(settings),
+        }
     }
 
-    /// Whether anything is.
+    /// Whether anything is that an image goes through.
     pub fn any(self) -> bool {
         self.camera || self.lens
     }
@@ -210,6 +220,9 @@ impl State {
             network_resets: 0,
             ending: None,
             observer: None,
+            measured: Arc::default(),
+            restarts: BTreeMap::new(),
+            run: Run::default(),
             counters: Counters::default(),
         }
     }

@@ -71,7 +71,7 @@ where
             return;
         }
         // The hub itself reads this once it is back; if its inbox is full, the count must not hold up the new start.
-        hub.try_tell(ToHub::Restarted(actor));
+        hub.try_tell(ToHub::Restarted { actor, why });
     }
 }
 
@@ -127,6 +127,13 @@ mod tests {
         supervised.await.unwrap();
         let mut inbox = inbox.open().await;
         let told = std::iter::from_fn(|| inbox.try_recv().ok());
-        assert_eq!(told.filter(|message| matches!(message, ToHub::Restarted(Actor::Camera))).count(), 5);
+        let reasons: Vec<String> = told
+            .filter_map(|message| match message {
+                ToHub::Restarted { actor: Actor::Camera, why } => Some(why),
+                _ => None,
+            })
+            .collect();
+        let end = "it came to its end";
+        assert_eq!(reasons, ["panicked: it breaks", "it gives up", end, end, "panicked: it breaks late"]);
     }
 }

@@ -1,12 +1,11 @@
 //! From the state to the update that a flight computer is sent.
 
 use super::clock::utc_now;
+use super::housekeeping;
 use super::session::{Closed, Shared};
 use super::state::{Actor, Counters, State};
 use crate::command::{FlightComputer, Refusal};
-use crate::wire::{
-    self, Authority, Camera, Clock, Code, CommandReply, Control, Housekeeping, Image, Link, List, Maybe, Status, Update,
-};
+use crate::wire::{self, Authority, Camera, Clock, Code, CommandReply, Control, Image, Link, List, Maybe, Status, Update};
 use tokio::time::Instant;
 
 /// What one connection knows of itself.
@@ -31,12 +30,13 @@ pub fn compose(state: &State, shared: &Shared, computer: FlightComputer, sequenc
         link: link(state, shared, sequence, record, now),
         authority: authority(state, computer),
         counters: counters(&state.counters, state.solving.is_some()),
-        housekeeping: Housekeeping::default(),
+        housekeeping: housekeeping::housekeeping(state, now),
         camera: camera(state),
         image: image(state, shared, now).into(),
         control: control(state, shared, computer),
         lens: wire::Lens::new(&state.lens, state.lens_requests.len()),
         focus: wire::Focus::new(&state.autofocus),
+        health: housekeeping::health(state, now),
     }
 }
 

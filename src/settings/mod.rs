@@ -15,6 +15,7 @@ mod preflight;
 mod ranges;
 mod relations;
 mod schema;
+mod sensor;
 mod span;
 #[cfg(test)]
 mod tests;
@@ -25,6 +26,7 @@ pub use layers::{FLIGHT_TOML, Layers, Loaded, Setting};
 pub use preflight::{Finding, NO_ARAVIS, Review, review};
 pub use ranges::PER_CAMERA;
 pub use schema::*;
+pub use sensor::SensorSource;
 pub use span::parse_span;
 pub use text::MAX_TEXT_BYTES;
 

@@ -2,6 +2,7 @@
 
 use super::layers::{Loaded, Setting};
 use super::schema::{CameraKind, LensKind, Settings};
+use super::sensor::SensorSource;
 
 /// Why `camera.kind = "aravis"` gives no camera, to follow the setting.
 pub const NO_ARAVIS: &str = "is \"aravis\", for which this version has no driver: expected \"directory\", \"sky\" or \"none\"";
@@ -54,6 +55,20 @@ fn real_hardware(settings: &Settings) -> Vec<Finding> {
         LensKind::Simulated => find("lens.kind", "is \"simulated\": set the flight's own lens"),
         LensKind::None => find("lens.kind", "is \"none\": set the flight's own lens"),
         LensKind::Serial => (),
+    }
+    let house = &settings.housekeeping;
+    for (key, source) in [
+        ("housekeeping.temperature_lens.source", &house.temperature_lens.source),
+        ("housekeeping.temperature_computer.source", &house.temperature_computer.source),
+        ("housekeeping.temperature_vessel.source", &house.temperature_vessel.source),
+        ("housekeeping.temperature_plate.source", &house.temperature_plate.source),
+        ("housekeeping.temperature_dcdc.source", &house.temperature_dcdc.source),
+        ("housekeeping.temperature_flange.source", &house.temperature_flange.source),
+        ("housekeeping.pressure.source", &house.pressure.source),
+    ] {
+        if *source == SensorSource::Simulated {
+            find(key, "is \"simulated\": set a sensor, or \"\" where there is none");
+        }
     }
     if is_loopback(&settings.network.listen) {
         find("network.listen", "is a loopback address, which no flight computer reaches: set the flight's own");

@@ -1,5 +1,6 @@
 //! What every setting may be: type, unit and range, in the order of the flight file.
 
+use super::sensor::SensorSource;
 use super::span::parse_span;
 use toml::Value;
 
@@ -28,6 +29,8 @@ pub(super) enum Kind {
     Peers { max: usize },
     /// Words of 32 bits.
     Words { max: usize },
+    /// Where a sensor's value comes from.
+    Sensor,
 }
 
 /// One setting: its dotted key, its unit (empty for none) and what it may be.
@@ -226,6 +229,31 @@ pub(super) const RULES: &[Rule] = &[
     switch("record.enabled"),
     word("record.directory", Kind::Path),
     whole("record.queue_frames", "outcomes", 1, 4096),
+    number("housekeeping.period_s", "s", 0.05, 3600.0),
+    number("housekeeping.max_age_s", "s", 0.1, 86_400.0),
+    number("housekeeping.command_timeout_s", "s", 0.05, 60.0),
+    number("housekeeping.disk_low_gib", "GiB", 0.0, 1e6),
+    word("housekeeping.temperature_lens.source", Kind::Sensor),
+    number("housekeeping.temperature_lens.low_c", "°C", -273.15, 1000.0),
+    number("housekeeping.temperature_lens.high_c", "°C", -273.15, 1000.0),
+    word("housekeeping.temperature_computer.source", Kind::Sensor),
+    number("housekeeping.temperature_computer.low_c", "°C", -273.15, 1000.0),
+    number("housekeeping.temperature_computer.high_c", "°C", -273.15, 1000.0),
+    word("housekeeping.temperature_vessel.source", Kind::Sensor),
+    number("housekeeping.temperature_vessel.low_c", "°C", -273.15, 1000.0),
+    number("housekeeping.temperature_vessel.high_c", "°C", -273.15, 1000.0),
+    word("housekeeping.temperature_plate.source", Kind::Sensor),
+    number("housekeeping.temperature_plate.low_c", "°C", -273.15, 1000.0),
+    number("housekeeping.temperature_plate.high_c", "°C", -273.15, 1000.0),
+    word("housekeeping.temperature_dcdc.source", Kind::Sensor),
+    number("housekeeping.temperature_dcdc.low_c", "°C", -273.15, 1000.0),
+    number("housekeeping.temperature_dcdc.high_c", "°C", -273.15, 1000.0),
+    word("housekeeping.temperature_flange.source", Kind::Sensor),
+    number("housekeeping.temperature_flange.low_c", "°C", -273.15, 1000.0),
+    number("housekeeping.temperature_flange.high_c", "°C", -273.15, 1000.0),
+    word("housekeeping.pressure.source", Kind::Sensor),
+    number("housekeeping.pressure.low_atm", "atm", 0.0, 100.0),
+    number("housekeeping.pressure.high_atm", "atm", 0.0, 100.0),
     number("service.restart_delay_s", "s", 0.001, 60.0),
     number("service.restart_delay_max_s", "s", 0.001, 3600.0),
 ];
@@ -255,6 +283,7 @@ impl Rule {
             Kind::Listen => "IP address:port".into(),
             Kind::Peers { max } => format!("list of IP addresses, at most {max}"),
             Kind::Words { max } => format!("list of words of 32 bits, at most {max}"),
+            Kind::Sensor => "sensor".into(),
         }
     }
 
@@ -273,6 +302,9 @@ impl Rule {
             Kind::Listen => "text, an IP address and port such as \"10.0.0.2:2017\" or \"[::1]:2017\"".into(),
             Kind::Peers { .. } => format!("a {range}, such as [\"10.0.0.3\"]"),
             Kind::Words { .. } => format!("a {range}, such as [1, 0x1000]"),
+            Kind::Sensor => {
+                "text, a sensor such as \"file:/path *0.001 +2\", \"command:/path\", \"simulated\", \"auto\" or \"\"".into()
+            }
         }
     }
 
@@ -315,7 +347,13 @@ impl Rule {
     fn wants_text(&self) -> bool {
         matches!(
             self.kind,
-            Kind::Choice(_) | Kind::Name { .. } | Kind::OptionalText { .. } | Kind::Path | Kind::OptionalPath | Kind::Listen
+            Kind::Choice(_)
+                | Kind::Name { .. }
+                | Kind::OptionalText { .. }
+                | Kind::Path
+                | Kind::OptionalPath
+                | Kind::Listen
+                | Kind::Sensor
         )
     }
 }
@@ -330,6 +368,7 @@ fn allows_text(kind: Kind, text: &str) -> bool {
         Kind::Path => path(false),
         Kind::OptionalPath => path(true),
         Kind::Listen => text.parse::<core::net::SocketAddr>().is_ok(),
+        Kind::Sensor => text.len() <= PATH_BYTES && SensorSource::parse(text).is_ok(),
         _ => false,
     }
 }

@@ -17,6 +17,14 @@ const ORDERED: &[(&str, &str, bool)] = &[
     ("solver.tracking.min_matched", "solver.matching.min_matched", true),
     ("solver.requirements.elevation.min_deg", "solver.requirements.elevation.max_deg", false),
     ("network.update_period_s", "network.silence_s", false),
+    ("housekeeping.period_s", "housekeeping.max_age_s", false),
+    ("housekeeping.temperature_lens.low_c", "housekeeping.temperature_lens.high_c", false),
+    ("housekeeping.temperature_computer.low_c", "housekeeping.temperature_computer.high_c", false),
+    ("housekeeping.temperature_vessel.low_c", "housekeeping.temperature_vessel.high_c", false),
+    ("housekeeping.temperature_plate.low_c", "housekeeping.temperature_plate.high_c", false),
+    ("housekeeping.temperature_dcdc.low_c", "housekeeping.temperature_dcdc.high_c", false),
+    ("housekeeping.temperature_flange.low_c", "housekeeping.temperature_flange.high_c", false),
+    ("housekeeping.pressure.low_atm", "housekeeping.pressure.high_atm", false),
     ("service.restart_delay_s", "service.restart_delay_max_s", true),
 ];
 

@@ -3,6 +3,7 @@
 //! The file is the only place for defaults, so nothing here has one, and an unknown or missing key is an error.
 //! Units are in the names; angles are in degrees or arcseconds here and become radians where they are used.
 
+use super::sensor::SensorSource;
 use serde::{Deserialize, Serialize};
 
 /// The whole configuration of one star camera, as merged from the flight file, the custom file and the command line.
@@ -31,6 +32,8 @@ pub struct Settings {
     pub display: DisplaySettings,
     /// What is kept on disk.
     pub record: RecordSettings,
+    /// Temperatures, pressure and disk.
+    pub housekeeping: HousekeepingSettings,
     /// How the service looks after itself.
     pub service: ServiceSettings,
 }
@@ -477,6 +480,58 @@ pub struct RecordSettings {
     pub directory: String,
     /// Outcomes that may wait for the disk.
     pub queue_frames: u32,
+}
+
+/// Section `[housekeeping]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HousekeepingSettings {
+    /// Time between readings, s.
+    pub period_s: f64,
+    /// A value read longer ago than this is not known any more, s.
+    pub max_age_s: f64,
+    /// A program that is asked for a value ends within this time, s.
+    pub command_timeout_s: f64,
+    /// Less free space than this on the disk of the records is an alarm, GiB.
+    pub disk_low_gib: f64,
+    /// The lens.
+    pub temperature_lens: TemperatureSettings,
+    /// The computer.
+    pub temperature_computer: TemperatureSettings,
+    /// The vessel.
+    pub temperature_vessel: TemperatureSettings,
+    /// The plate that carries camera and computer.
+    pub temperature_plate: TemperatureSettings,
+    /// The DC-DC converter.
+    pub temperature_dcdc: TemperatureSettings,
+    /// The flange between camera and lens.
+    pub temperature_flange: TemperatureSettings,
+    /// In the vessel.
+    pub pressure: PressureSettings,
+}
+
+/// A temperature: where it comes from and its yellow limits.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TemperatureSettings {
+    /// Where its value comes from.
+    pub source: SensorSource,
+    /// Below this it is an alarm, °C.
+    pub low_c: f64,
+    /// Above this it is an alarm, °C.
+    pub high_c: f64,
+}
+
+/// A pressure: where it comes from and its yellow limits.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PressureSettings {
+    /// Where its value comes from.
+    pub source: SensorSource,
+    /// Below this it is an alarm, atm.
+    pub low_atm: f64,
+    /// Above this it is an alarm, atm.
+    pub high_atm: f64,
 }
 
 /// Section `[service]`.

@@ -192,6 +192,10 @@ fn every_mistake_in_a_file_is_named_with_file_line_key_and_what_was_expected() {
             "custom.toml:1: 'camera.name' must be text of 1 to 16 printable ASCII characters, not 'seventeen letters'",
         ),
         ("camera.name = 'é'", "custom.toml:1: 'camera.name' must be text of 1 to 16 printable ASCII characters, not 'é'"),
+        (
+            "housekeeping.pressure.source = 'file:p'",
+            "custom.toml:1: 'housekeeping.pressure.source' must be text, a sensor such as \"file:/path *0.001 +2\", \"command:/path\", \"simulated\", \"auto\" or \"\", not 'file:p'",
+        ),
         ("lens.port = ''", "custom.toml:1: 'lens.port' must be text, a path of at most 4096 bytes, not ''"),
         (
             "network.listen = 'localhost'",
@@ -266,6 +270,11 @@ fn settings_that_contradict_each_other_are_refused_where_the_last_word_was_spoke
             "--set #1: 'network.update_period_s' = 6.0 must be below 'network.silence_s' = 5.0 (flight file)",
         ),
         (
+            "[housekeeping.temperature_lens]\nlow_c = 41",
+            "camera.name=x",
+            "custom.toml:2: 'housekeeping.temperature_lens.low_c' = 41.0 must be below 'housekeeping.temperature_lens.high_c' = 40.0 (flight file)",
+        ),
+        (
             "camera.height_px = 64",
             "solver.sources.border_px=32",
             "--set #1: 'solver.sources.border_px' = 32 must leave something of a frame of 1536 × 64 px",
@@ -312,7 +321,8 @@ fn the_review_wants_real_hardware_and_the_eight_settings_of_a_camera() {
     let ready = review(&example);
     assert_eq!(ready.findings, []);
     let others: Vec<_> = ready.other_overrides.iter().map(|setting| setting.key).collect();
-    assert_eq!(others, ["camera.kind", "camera.directory", "lens.kind", "lens.port", "network.listen"]);
+    let wanted = ["camera.kind", "camera.directory", "lens.kind", "lens.port", "network.listen"];
+    assert_eq!(others, [&wanted[..], &["housekeeping.temperature_computer.source"]].concat());
 }
 
 #[test]
@@ -336,6 +346,9 @@ fn the_review_sees_through_every_way_to_write_loopback_or_none() {
         ("camera.kind=none", false),
         ("camera.kind=aravis", false),
         ("lens.kind=none", false),
+        ("housekeeping.pressure.source=simulated", false),
+        ("housekeeping.pressure.source=auto", true),
+        ("housekeeping.pressure.source=", true),
     ] {
         let example = include_str!("../../config/custom.example.toml");
         let loaded = Layers::embedded().custom("custom.toml", example).set(assignment).load().unwrap();

@@ -140,6 +140,8 @@ mod tests {
         agrees::<Cause>();
         agrees::<SearchMode>();
         agrees::<ClockQuality>();
+        agrees::<crate::wire::Actor>();
+        agrees::<crate::wire::LastEnd>();
     }
 
     #[test]

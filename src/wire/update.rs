@@ -2,6 +2,7 @@
 
 use super::commands::Control;
 use super::element::body;
+use super::health::Health;
 use super::instrument::{Focus, Lens};
 use super::status::ObserverPart;
 use super::{Coded, I32Le, List, Maybe, Text, U16Le, U32Le};
@@ -30,6 +31,8 @@ body! {
         lens: Lens => "";
         /// The autofocus. From version 2 on.
         focus: Focus => "";
+        /// Ages and limits of the housekeeping's values, restarts and their reasons. From version 2 on.
+        health: Health => "";
     }
 }
 

@@ -123,6 +123,34 @@ fn update(image: Option<Image>) -> Update {
         control: if known { control() } else { Control::default() },
         lens: if known { lens() } else { Lens::default() },
         focus: if known { focus() } else { Focus::default() },
+        health: if known { health() } else { Health::default() },
+    }
+}
+
+fn health() -> Health {
+    Health {
+        simulated_housekeeping: true,
+        temperature_lens_age_s: Some(0.25).into(),
+        temperature_computer_age_s: Some(0.5).into(),
+        temperature_vessel_age_s: Some(0.75).into(),
+        temperature_plate_age_s: Some(3600.5).into(),
+        temperature_dcdc_age_s: Some(1.25).into(),
+        temperature_flange_age_s: Maybe::unknown(),
+        pressure_age_s: Some(1.75).into(),
+        disk_free_age_s: Some(2.25).into(),
+        temperature_lens_alarm: true,
+        temperature_vessel_alarm: true,
+        pressure_alarm: true,
+        disk_days_left: Some(12.375).into(),
+        run_number: Some(70_011u32).into(),
+        last_end: Some(LastEnd::ComputerRestarted).into(),
+        restarts_lens: 111.into(),
+        restarts_ledger: 112.into(),
+        restarts_housekeeping: 113.into(),
+        last_restart: Some(Actor::Recorder).into(),
+        last_restart_reason: Text::new("panicked: it breaks"),
+        last_restart_age_s: Some(86.5).into(),
+        ..Health::default()
     }
 }
 

@@ -12,6 +12,7 @@
 
 mod actors;
 mod commands;
+mod housekeeping;
 mod program;
 mod sessions;
 mod support;

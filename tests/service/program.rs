@@ -17,7 +17,7 @@ const HOME: &str = env!("CARGO_TARGET_TMPDIR");
 
 fn stars() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_stars"));
-    command.env_remove("RUST_LOG").env("HOME", HOME);
+    command.env_remove("RUST_LOG").env("HOME", HOME).current_dir(HOME);
     command
 }
 
