@@ -33,6 +33,7 @@ const RETRY: Duration = Duration::from_millis(200);
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   stars demo --duration 30s
+  stars demo --set lens.simulated.faults='5s power_cycle 2s, 20s vanished 5s'
   stars demo --set simulate.kind=dense --set simulate.seed=7 --set camera.period_s=1
 Unless they are set, a frame comes every 2 s, any free port is taken, and nothing is kept on disk. Exits 0 if solutions came,
 none was wrong, and both flight computers got each of them (which frames that come faster than updates can't); 1 if not.")]
@@ -103,8 +104,18 @@ async fn demonstrate(settings: Arc<Settings>, duration: Option<Duration>, images
         shown = show(&mut board, images, one, two) => shown?,
     };
     print(&format!("{why}: {}", board.summary()))?;
+    print(&lens_summary(&running))?;
     let ended = end(running).await;
     Ok(if board.is_good() { ended } else { ExitCode::from(NEGATIVE) })
+}
+
+/// Where the lens is, and where it truly is.
+fn lens_summary(running: &Running) -> String {
+    let lens = Arc::clone(&running.state.borrow().lens);
+    let truth = running.simulated_lens.as_ref().map_or(f64::NAN, SimulatedLens::true_motor);
+    let errors: u32 = lens.errors.values().sum();
+    let last = lens.last_error.as_deref().map_or(String::new(), |words| format!(", the last: {words}"));
+    format!("lens: focus {:?}, truly {truth:.0}; aperture {:?}; {errors} errors{last}", lens.focus, lens.aperture)
 }
 
 /// Starts a flight computer that knows where it is, and connects it.

@@ -263,9 +263,15 @@ async fn every_command_against_every_fault_ends_known_and_right_or_unknown_for_a
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_stop_overtakes_what_waits_and_the_controller_gets_no_more_words_that_move() {
-    let mut bench = Bench::known(&settings(), 1).await;
+    let mut slow = settings();
+    slow.simulated.speed_counts_s = 400.0; // So that the move takes almost as long as it may.
+    let mut bench = Bench::known(&slow, 1).await;
     let moving = bench.ask(LensCommand::SetFocus(FocusCounts(300)));
-    bench.wait(flight(0.5)).await;
+    let patience = Instant::now() + PATIENCE;
+    while bench.state().focus != Known::Moving {
+        assert!(Instant::now() < patience, "{:?}", bench.state());
+        bench.wait(Duration::from_millis(1)).await;
+    }
     let words = bench.moving_words();
     let waiting: Vec<u32> = (0..8).map(|n| bench.ask(LensCommand::SetFocus(FocusCounts(400 + n)))).collect();
     let asked = Instant::now();

@@ -40,6 +40,7 @@ async fn service_on_a_directory(directory: &std::path::Path) -> (Running, Attitu
     let mut settings = settings();
     settings.camera.kind = stars::settings::CameraKind::Directory;
     settings.camera.directory = directory.display().to_string();
+    settings.lens.kind = stars::settings::LensKind::Simulated;
     settings.network.update_period_s = 0.1;
     let parts = Parts::of(&Arc::new(settings.clone())).unwrap();
     (start(settings, parts).await, rendered.truth.attitude.unwrap())

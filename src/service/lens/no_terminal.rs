@@ -17,6 +17,11 @@ impl SimulatedLens {
         Err("a simulated lens needs pseudo-terminals, which only Unix has: set lens.kind to \"none\"".to_owned())
     }
 
+    /// Where the motor truly is now, counts from the near stop.
+    pub fn true_motor(&self) -> f64 {
+        match *self {}
+    }
+
     /// Its port.
     pub fn ports(&self) -> Ports {
         match *self {}
