@@ -223,3 +223,91 @@ async fn every_command_is_taken_at_both_ends_of_its_range_and_ends_with_a_reason
     assert!(running.state.borrow().ending.is_some());
     assert!(running.stop().await.is_empty());
 }
+
+/// A program that leaves a mark, and ends with a code.
+fn program(room: &std::path::Path, name: &str, code: u8) -> String {
+    let path = room.join(name);
+    std::fs::write(&path, format!("#!/bin/sh\ntouch {}/{name}.ran\nexit {code}\n", room.display())).unwrap();
+    std::fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn shut_down_restart_and_network_reset_run_the_programs_of_the_settings() {
+    let room = tempfile::tempdir().unwrap();
+    let mut settings = settings();
+    settings.commands.shut_down_program = program(room.path(), "off", 3);
+    settings.commands.restart_program = program(room.path(), "restart", 0);
+    settings.commands.network_reset_program = room.path().join("nowhere").to_str().unwrap().to_owned();
+    let running = start(settings, Parts { camera: plain_camera(), solver: plain_solver(), lens: None }).await;
+    let mut ground = Ground::of(&running, 1, true);
+    assert_eq!(ground.run("service.shut_down 1").await.0, DONE);
+    assert!(room.path().join("restart.ran").exists() && !room.path().join("off.ran").exists());
+    let (_, failed) = ground.run("service.shut_down 0").await;
+    assert_eq!(failed.why.value(), Some(Refusal::Program));
+    assert!(failed.words.to_string().contains("exit status: 3") || failed.words.to_string().contains("off"), "{}", failed.words);
+    let (_, missing) = ground.run("service.reset_network").await;
+    assert_eq!((missing.stage.get(), missing.why.value()), (Some(Stage::Failed), Some(Refusal::Program)));
+    assert!(running.stop().await.is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn known_good_leads_back_to_the_settings_of_the_start_with_the_lens_at_rest() {
+    let running = running().await;
+    let initial = running.state.borrow().settings.clone();
+    let mut ground = Ground::of(&running, 1, true);
+    ground.update(|update| update.camera.focus_counts.get().is_some()).await;
+    for text in ["solver.configure 0 7.5", "requirements.elevation 1 -5 60", "solver.mask 1 1 2 3"] {
+        assert_eq!(ground.run(text).await.0, [Stage::Accepted, Stage::Completed], "{text}");
+    }
+    let update = ground.update(|update| update.control.settings_commanded.get() >= 5).await;
+    assert!(!running.state.borrow().settings.solver.enabled);
+    assert_ne!(update.link.settings_hash.get(), initial.fingerprint() as u32);
+    for act in [Act::Arm, Act::Fire] {
+        ground.orders.send((act, Command::parse("focus.run").unwrap())).await.unwrap();
+    }
+    ground.update(|update| update.focus.autofocus_mode.get() == Some(stars::lens::autofocus::Mode::Running)).await;
+    // The simulated computer gives one command at a time: another one in charge would not wait either. The run ends by the lens.
+    stop(&running.lens);
+    assert_eq!(ground.run("service.known_good").await.1.stage.get(), Some(Stage::Completed));
+    let update = ground.update(|update| update.control.settings_commanded.get() == 0).await;
+    assert_eq!(update.link.settings_hash.get(), initial.fingerprint() as u32);
+    assert_eq!(running.state.borrow().settings, initial);
+    assert!(!update.lens.lens_moving && update.lens.lens_stopped);
+    assert!(running.stop().await.is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_ran_before_a_restart_of_the_camera_does_not_run_after_it() {
+    let room = tempfile::tempdir().unwrap();
+    let settings = || {
+        let mut settings = lens_settings();
+        settings.commands.ledger_directory = room.path().to_str().unwrap().to_owned();
+        settings
+    };
+    let parts = || Parts { camera: plain_camera(), solver: plain_solver(), lens: None };
+    let first = start(settings(), parts()).await;
+    let mut ground = Ground::of(&first, 1, true);
+    let update = ground.update(|update| update.camera.focus_counts.get().is_some()).await;
+    assert!(update.control.counters_kept);
+    assert_eq!(ground.run("lens.set_focus 3030").await.0, DONE);
+    drop(ground);
+    assert!(first.stop().await.is_empty());
+    // The same boot of the computer, whose memory of counters was lost: its first command has a counter that was there before.
+    let second = start(settings(), parts()).await;
+    let mut ground = Ground::of(&second, 1, true);
+    ground.update(|update| update.camera.focus_counts.get().is_some()).await;
+    let (stages, reply) = ground.give(Act::Run, "lens.set_focus 3040").await;
+    assert_eq!((stages, reply.why.value()), (vec![Stage::Rejected], Some(Refusal::HalfChanged)));
+    assert_eq!(ground.run("lens.set_focus 3050").await.0, DONE, "the next counter is new");
+    assert!(second.stop().await.is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_directory_that_no_ledger_can_be_in_is_named_at_the_start() {
+    let file = tempfile::NamedTempFile::new().unwrap();
+    let mut settings = settings();
+    settings.commands.ledger_directory = file.path().to_str().unwrap().to_owned();
+    let error = stars::service::start(std::sync::Arc::new(settings)).await.err().unwrap().to_string();
+    assert!(error.contains("commands.ledger_directory") && error.contains(file.path().to_str().unwrap()), "{error}");
+}
