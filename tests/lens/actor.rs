@@ -191,8 +191,15 @@ async fn case(kind: FaultKind, command: LensCommand, moment: Moment, lasts_s: f6
             bench.ask(command)
         }
         Moment::UnderWay => {
+            let words = bench.moving_words().len();
             let asked = bench.ask(command);
             bench.wait(flight(0.2)).await;
+            // Counts that are lost after the reading before a move and before the move can't be noticed, so let it have begun.
+            let patience = Instant::now() + PATIENCE;
+            while command.moves() && bench.moving_words().len() == words && !bench.ended.contains_key(&asked) {
+                assert!(Instant::now() < patience, "{:?}", bench.state());
+                bench.wait(Duration::from_millis(1)).await;
+            }
             bench.simulated.inject(kind, lasts);
             asked
         }

@@ -8,16 +8,14 @@
 //! - A word that only asks is sent again a few times; one that moves never is. A reading counts when it came twice
 //!   alike, and one that is not what it should be when it came four times.
 //! - The focus is read before and after a move. What it reads must be where it was before, and where it should be after.
-//! - After any doubt it is unknown until it is read again, or learned again where readings mean nothing any more. (Counts lost in a
-//!   move that are as many as its own can't be told from a motor that did not turn.)
+//! - After any doubt it is unknown until it is read again, or learned again where readings mean nothing any more. (Counts lost in the
+//!   moment between that reading and the move can't be noticed, nor can those lost in a move be told from a motor that did not turn
+//!   where they are as many as its own.)
 //! - After a stop no word that moves is sent until a command moves.
 
 mod axis;
 mod job;
 mod work;
-
-#[cfg(test)]
-mod tests;
 
 use super::language::{Misread, Word, printable};
 use super::request::{AperturePosition, FocusCounts, LensCommand, LensError, LensResult, RequestCounter};
