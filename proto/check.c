@@ -315,6 +315,50 @@ static void print_source(const stars_source_t *m)
     printf("}");
 }
 
+static void print_command_reply(const stars_command_reply_t *m)
+{
+    printf("{\"serial\": ");
+    {
+        printf("%lu", (unsigned long)m->serial);
+    }
+    printf(", \"flight_computer\": ");
+    {
+        printf("%lu", (unsigned long)m->flight_computer);
+    }
+    printf(", \"command\": ");
+    {
+        printf("%lu", (unsigned long)m->command);
+    }
+    printf(", \"counter\": ");
+    {
+        printf("%lu", (unsigned long)m->counter);
+    }
+    printf(", \"stage\": ");
+    {
+        print_code(m->stage, (const char *const[]){"accepted", "started", "completed", "rejected", "failed"});
+    }
+    printf(", \"why_known\": ");
+    {
+        printf(m->why_known ? "true" : "false");
+    }
+    printf(", \"why\": ");
+    if (!(m->why_known))
+        printf("null");
+    else
+    {
+        print_code(m->why, (const char *const[]){"not_in_charge", "stale", "replayed", "out_of_range", "busy", "not_armed", "unknown_command", "unsafe_state", "not_authentic", "half_changed", "early", "wrong_boot", "not_available", "not_kept", "stopped", "device", "program", "dialect", "no_result"});
+    }
+    printf(", \"reply_age_s\": ");
+    {
+        printf("%.17g", (double)m->reply_age_s);
+    }
+    printf(", \"words\": ");
+    {
+        print_text(m->words, 64);
+    }
+    printf("}");
+}
+
 static void print_update(const stars_update_t *m)
 {
     printf("{\"sequence\": ");
@@ -433,7 +477,7 @@ static void print_update(const stars_update_t *m)
         printf("null");
     else
     {
-        print_code(m->last_refusal, (const char *const[]){"not_in_charge", "stale", "replayed", "out_of_range", "busy", "not_armed", "unknown_command", "unsafe_state", "not_authentic"});
+        print_code(m->last_refusal, (const char *const[]){"not_in_charge", "stale", "replayed", "out_of_range", "busy", "not_armed", "unknown_command", "unsafe_state", "not_authentic", "half_changed", "early", "wrong_boot", "not_available", "not_kept", "stopped", "device", "program", "dialect", "no_result"});
     }
     printf(", \"frames_taken\": ");
     {
@@ -1106,6 +1150,464 @@ static void print_update(const stars_update_t *m)
         }
         printf("]");
     }
+    printf(", \"lease_epoch_known\": ");
+    {
+        printf(m->lease_epoch_known ? "true" : "false");
+    }
+    printf(", \"lease_epoch\": ");
+    if (!(m->lease_epoch_known))
+        printf("null");
+    else
+    {
+        printf("%lu", (unsigned long)m->lease_epoch);
+    }
+    printf(", \"armed_command_known\": ");
+    {
+        printf(m->armed_command_known ? "true" : "false");
+    }
+    printf(", \"armed_command\": ");
+    if (!(m->armed_command_known))
+        printf("null");
+    else
+    {
+        printf("%lu", (unsigned long)m->armed_command);
+    }
+    printf(", \"armed_for_s\": ");
+    {
+        printf("%.17g", (double)m->armed_for_s);
+    }
+    printf(", \"commands_under_way\": ");
+    {
+        printf("%lu", (unsigned long)m->commands_under_way);
+    }
+    printf(", \"authentication_required\": ");
+    {
+        printf(m->authentication_required ? "true" : "false");
+    }
+    printf(", \"authentication_key\": ");
+    {
+        printf(m->authentication_key ? "true" : "false");
+    }
+    printf(", \"counters_kept\": ");
+    {
+        printf(m->counters_kept ? "true" : "false");
+    }
+    printf(", \"refused\": ");
+    {
+        printf("[");
+        for (size_t i = 0; i < 19; i++) {
+        printf(i ? ", " : "");
+        printf("%lu", (unsigned long)m->refused[i]);
+        }
+        printf("]");
+    }
+    printf(", \"settings_commanded\": ");
+    {
+        printf("%lu", (unsigned long)m->settings_commanded);
+    }
+    printf(", \"replies_count\": ");
+    {
+        printf("%lu", (unsigned long)m->replies_count);
+    }
+    printf(", \"replies\": ");
+    {
+        printf("[");
+        for (size_t i = 0; i < m->replies_count; i++) {
+        printf(i ? ", " : "");
+        print_command_reply(&m->replies[i]);
+        }
+        printf("]");
+    }
+    printf(", \"lens_connected\": ");
+    {
+        printf(m->lens_connected ? "true" : "false");
+    }
+    printf(", \"lens_moving\": ");
+    {
+        printf(m->lens_moving ? "true" : "false");
+    }
+    printf(", \"lens_stopped\": ");
+    {
+        printf(m->lens_stopped ? "true" : "false");
+    }
+    printf(", \"focus_doubt_known\": ");
+    {
+        printf(m->focus_doubt_known ? "true" : "false");
+    }
+    printf(", \"focus_doubt\": ");
+    if (!(m->focus_doubt_known))
+        printf("null");
+    else
+    {
+        print_code(m->focus_doubt, (const char *const[]){"no_lens", "never_read", "requested", "not_read_back", "timed_out", "unexpected_reply", "refused", "port_lost", "not_learned", "power_cycled", "counts_lost", "missed"});
+    }
+    printf(", \"aperture_doubt_known\": ");
+    {
+        printf(m->aperture_doubt_known ? "true" : "false");
+    }
+    printf(", \"aperture_doubt\": ");
+    if (!(m->aperture_doubt_known))
+        printf("null");
+    else
+    {
+        print_code(m->aperture_doubt, (const char *const[]){"no_lens", "never_read", "requested", "not_read_back", "timed_out", "unexpected_reply", "refused", "port_lost", "not_learned", "power_cycled", "counts_lost", "missed"});
+    }
+    printf(", \"focus_range_known\": ");
+    {
+        printf(m->focus_range_known ? "true" : "false");
+    }
+    printf(", \"focus_nearest_counts\": ");
+    if (!(m->focus_range_known))
+        printf("null");
+    else
+    {
+        printf("%ld", (long)m->focus_nearest_counts);
+    }
+    printf(", \"focus_furthest_counts\": ");
+    if (!(m->focus_range_known))
+        printf("null");
+    else
+    {
+        printf("%ld", (long)m->focus_furthest_counts);
+    }
+    printf(", \"lens_requests\": ");
+    {
+        printf("%lu", (unsigned long)m->lens_requests);
+    }
+    printf(", \"lens_errors\": ");
+    {
+        printf("%lu", (unsigned long)m->lens_errors);
+    }
+    printf(", \"lens_last_error\": ");
+    {
+        print_text(m->lens_last_error, 64);
+    }
+    printf(", \"autofocus_mode\": ");
+    {
+        print_code(m->autofocus_mode, (const char *const[]){"not_running", "running", "grace"});
+    }
+    printf(", \"autofocus_requested_counts_known\": ");
+    {
+        printf(m->autofocus_requested_counts_known ? "true" : "false");
+    }
+    printf(", \"autofocus_requested_counts\": ");
+    if (!(m->autofocus_requested_counts_known))
+        printf("null");
+    else
+    {
+        printf("%ld", (long)m->autofocus_requested_counts);
+    }
+    printf(", \"autofocus_run_age_s_known\": ");
+    {
+        printf(m->autofocus_run_age_s_known ? "true" : "false");
+    }
+    printf(", \"autofocus_run_age_s\": ");
+    if (!(m->autofocus_run_age_s_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->autofocus_run_age_s);
+    }
+    printf(", \"autofocus_time_left_s_known\": ");
+    {
+        printf(m->autofocus_time_left_s_known ? "true" : "false");
+    }
+    printf(", \"autofocus_time_left_s\": ");
+    if (!(m->autofocus_time_left_s_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->autofocus_time_left_s);
+    }
+    printf(", \"autofocus_images\": ");
+    {
+        printf("%lu", (unsigned long)m->autofocus_images);
+    }
+    printf(", \"autofocus_best_known\": ");
+    {
+        printf(m->autofocus_best_known ? "true" : "false");
+    }
+    printf(", \"best_focus_counts\": ");
+    if (!(m->autofocus_best_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->best_focus_counts);
+    }
+    printf(", \"sigma_best_focus_counts\": ");
+    if (!(m->autofocus_best_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->sigma_best_focus_counts);
+    }
+    printf(", \"best_focus_drift_counts_min\": ");
+    if (!(m->autofocus_best_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->best_focus_drift_counts_min);
+    }
+    printf(", \"autofocus_ending_known\": ");
+    {
+        printf(m->autofocus_ending_known ? "true" : "false");
+    }
+    printf(", \"autofocus_ending\": ");
+    if (!(m->autofocus_ending_known))
+        printf("null");
+    else
+    {
+        print_code(m->autofocus_ending, (const char *const[]){"found", "edge_low", "edge_high", "no_peak", "too_few", "not_confirmed", "timed_out", "aborted", "stopped", "lens_failed", "better", "worse"});
+    }
+    printf(", \"focus_estimate_known\": ");
+    {
+        printf(m->focus_estimate_known ? "true" : "false");
+    }
+    printf(", \"star_width_px\": ");
+    if (!(m->focus_estimate_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->star_width_px);
+    }
+    printf(", \"focus_distance_counts\": ");
+    if (!(m->focus_estimate_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->focus_distance_counts);
+    }
+    printf(", \"sigma_focus_distance_counts\": ");
+    if (!(m->focus_estimate_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->sigma_focus_distance_counts);
+    }
+    printf(", \"focus_distance_calibrated\": ");
+    if (!(m->focus_estimate_known))
+        printf("null");
+    else
+    {
+        printf(m->focus_distance_calibrated ? "true" : "false");
+    }
+    printf(", \"star_width_px_per_hour_known\": ");
+    {
+        printf(m->star_width_px_per_hour_known ? "true" : "false");
+    }
+    printf(", \"star_width_px_per_hour\": ");
+    if (!(m->focus_estimate_known && m->star_width_px_per_hour_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->star_width_px_per_hour);
+    }
+    printf(", \"star_width_px_per_kelvin_known\": ");
+    {
+        printf(m->star_width_px_per_kelvin_known ? "true" : "false");
+    }
+    printf(", \"star_width_px_per_kelvin\": ");
+    if (!(m->focus_estimate_known && m->star_width_px_per_kelvin_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->star_width_px_per_kelvin);
+    }
+    printf(", \"simulated_housekeeping\": ");
+    {
+        printf(m->simulated_housekeeping ? "true" : "false");
+    }
+    printf(", \"temperature_lens_age_s_known\": ");
+    {
+        printf(m->temperature_lens_age_s_known ? "true" : "false");
+    }
+    printf(", \"temperature_lens_age_s\": ");
+    if (!(m->temperature_lens_age_s_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->temperature_lens_age_s);
+    }
+    printf(", \"temperature_computer_age_s_known\": ");
+    {
+        printf(m->temperature_computer_age_s_known ? "true" : "false");
+    }
+    printf(", \"temperature_computer_age_s\": ");
+    if (!(m->temperature_computer_age_s_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->temperature_computer_age_s);
+    }
+    printf(", \"temperature_vessel_age_s_known\": ");
+    {
+        printf(m->temperature_vessel_age_s_known ? "true" : "false");
+    }
+    printf(", \"temperature_vessel_age_s\": ");
+    if (!(m->temperature_vessel_age_s_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->temperature_vessel_age_s);
+    }
+    printf(", \"temperature_plate_age_s_known\": ");
+    {
+        printf(m->temperature_plate_age_s_known ? "true" : "false");
+    }
+    printf(", \"temperature_plate_age_s\": ");
+    if (!(m->temperature_plate_age_s_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->temperature_plate_age_s);
+    }
+    printf(", \"temperature_dcdc_age_s_known\": ");
+    {
+        printf(m->temperature_dcdc_age_s_known ? "true" : "false");
+    }
+    printf(", \"temperature_dcdc_age_s\": ");
+    if (!(m->temperature_dcdc_age_s_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->temperature_dcdc_age_s);
+    }
+    printf(", \"temperature_flange_age_s_known\": ");
+    {
+        printf(m->temperature_flange_age_s_known ? "true" : "false");
+    }
+    printf(", \"temperature_flange_age_s\": ");
+    if (!(m->temperature_flange_age_s_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->temperature_flange_age_s);
+    }
+    printf(", \"pressure_age_s_known\": ");
+    {
+        printf(m->pressure_age_s_known ? "true" : "false");
+    }
+    printf(", \"pressure_age_s\": ");
+    if (!(m->pressure_age_s_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->pressure_age_s);
+    }
+    printf(", \"disk_free_age_s_known\": ");
+    {
+        printf(m->disk_free_age_s_known ? "true" : "false");
+    }
+    printf(", \"disk_free_age_s\": ");
+    if (!(m->disk_free_age_s_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->disk_free_age_s);
+    }
+    printf(", \"temperature_lens_alarm\": ");
+    {
+        printf(m->temperature_lens_alarm ? "true" : "false");
+    }
+    printf(", \"temperature_computer_alarm\": ");
+    {
+        printf(m->temperature_computer_alarm ? "true" : "false");
+    }
+    printf(", \"temperature_vessel_alarm\": ");
+    {
+        printf(m->temperature_vessel_alarm ? "true" : "false");
+    }
+    printf(", \"temperature_plate_alarm\": ");
+    {
+        printf(m->temperature_plate_alarm ? "true" : "false");
+    }
+    printf(", \"temperature_dcdc_alarm\": ");
+    {
+        printf(m->temperature_dcdc_alarm ? "true" : "false");
+    }
+    printf(", \"temperature_flange_alarm\": ");
+    {
+        printf(m->temperature_flange_alarm ? "true" : "false");
+    }
+    printf(", \"pressure_alarm\": ");
+    {
+        printf(m->pressure_alarm ? "true" : "false");
+    }
+    printf(", \"disk_free_alarm\": ");
+    {
+        printf(m->disk_free_alarm ? "true" : "false");
+    }
+    printf(", \"disk_days_left_known\": ");
+    {
+        printf(m->disk_days_left_known ? "true" : "false");
+    }
+    printf(", \"disk_days_left\": ");
+    if (!(m->disk_days_left_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->disk_days_left);
+    }
+    printf(", \"run_number_known\": ");
+    {
+        printf(m->run_number_known ? "true" : "false");
+    }
+    printf(", \"run_number\": ");
+    if (!(m->run_number_known))
+        printf("null");
+    else
+    {
+        printf("%lu", (unsigned long)m->run_number);
+    }
+    printf(", \"last_end_known\": ");
+    {
+        printf(m->last_end_known ? "true" : "false");
+    }
+    printf(", \"last_end\": ");
+    if (!(m->last_end_known))
+        printf("null");
+    else
+    {
+        print_code(m->last_end, (const char *const[]){"clean", "commanded", "crashed", "computer_restarted"});
+    }
+    printf(", \"restarts_lens\": ");
+    {
+        printf("%lu", (unsigned long)m->restarts_lens);
+    }
+    printf(", \"restarts_ledger\": ");
+    {
+        printf("%lu", (unsigned long)m->restarts_ledger);
+    }
+    printf(", \"restarts_housekeeping\": ");
+    {
+        printf("%lu", (unsigned long)m->restarts_housekeeping);
+    }
+    printf(", \"last_restart_known\": ");
+    {
+        printf(m->last_restart_known ? "true" : "false");
+    }
+    printf(", \"last_restart\": ");
+    if (!(m->last_restart_known))
+        printf("null");
+    else
+    {
+        print_code(m->last_restart, (const char *const[]){"camera", "lens", "solver", "hub", "recorder", "ledger", "listener", "session", "housekeeping"});
+    }
+    printf(", \"last_restart_reason\": ");
+    {
+        print_text(m->last_restart_reason, 64);
+    }
+    printf(", \"last_restart_age_s_known\": ");
+    {
+        printf(m->last_restart_age_s_known ? "true" : "false");
+    }
+    printf(", \"last_restart_age_s\": ");
+    if (!(m->last_restart_age_s_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->last_restart_age_s);
+    }
     printf("}");
 }
 
@@ -1193,6 +1695,105 @@ static void print_gyro(const stars_gyro_t *m)
     printf("}");
 }
 
+static void print_command_slot(const stars_command_slot_t *m)
+{
+    printf("{\"command\": ");
+    {
+        printf("%lu", (unsigned long)m->command);
+    }
+    printf(", \"act\": ");
+    {
+        printf("%lu", (unsigned long)m->act);
+    }
+    printf(", \"counter\": ");
+    {
+        printf("%lu", (unsigned long)m->counter);
+    }
+    printf(", \"age_s\": ");
+    {
+        printf("%.17g", (double)m->age_s);
+    }
+    printf(", \"values\": ");
+    {
+        printf("[");
+        for (size_t i = 0; i < 8; i++) {
+        printf(i ? ", " : "");
+        printf("%.17g", (double)m->values[i]);
+        }
+        printf("]");
+    }
+    printf(", \"seal\": ");
+    {
+        printf("%lu", (unsigned long)m->seal);
+    }
+    printf("}");
+}
+
+static void print_commands(const stars_commands_t *m)
+{
+    printf("{\"sequence\": ");
+    {
+        printf("%lu", (unsigned long)m->sequence);
+    }
+    printf(", \"boot_id\": ");
+    {
+        printf("%lu", (unsigned long)m->boot_id);
+    }
+    printf(", \"camera_boot_id\": ");
+    {
+        printf("%lu", (unsigned long)m->camera_boot_id);
+    }
+    printf(", \"lease_epoch\": ");
+    {
+        printf("%lu", (unsigned long)m->lease_epoch);
+    }
+    printf(", \"last_update_sequence_known\": ");
+    {
+        printf(m->last_update_sequence_known ? "true" : "false");
+    }
+    printf(", \"last_update_sequence\": ");
+    if (!(m->last_update_sequence_known))
+        printf("null");
+    else
+    {
+        printf("%lu", (unsigned long)m->last_update_sequence);
+    }
+    printf(", \"acknowledged\": ");
+    {
+        printf("%lu", (unsigned long)m->acknowledged);
+    }
+    printf(", \"slots_count\": ");
+    {
+        printf("%lu", (unsigned long)m->slots_count);
+    }
+    printf(", \"slots\": ");
+    {
+        printf("[");
+        for (size_t i = 0; i < m->slots_count; i++) {
+        printf(i ? ", " : "");
+        print_command_slot(&m->slots[i]);
+        }
+        printf("]");
+    }
+    printf(", \"tag_known\": ");
+    {
+        printf(m->tag_known ? "true" : "false");
+    }
+    printf(", \"tag\": ");
+    if (!(m->tag_known))
+        printf("null");
+    else
+    {
+        printf("[");
+        for (size_t i = 0; i < 32; i++) {
+        printf(i ? ", " : "");
+        printf("%lu", (unsigned long)m->tag[i]);
+        }
+        printf("]");
+    }
+    printf("}");
+}
+
 static int print_body(uint8_t kind, const uint8_t *body)
 {
     switch (kind) {
@@ -1210,6 +1811,9 @@ static int print_body(uint8_t kind, const uint8_t *body)
         return 0;
     case STARS_KIND_GYRO:
         print_gyro((const stars_gyro_t *)(const void *)body);
+        return 0;
+    case STARS_KIND_COMMANDS:
+        print_commands((const stars_commands_t *)(const void *)body);
         return 0;
     default:
         return 1;

@@ -452,7 +452,7 @@ class Rows:
 
     def encode(self, values):
         rows = values.get(self.name) or []
-        return b"".join(self.row.encode(row) for row in rows).ljust(self.size, b"\0")
+        return b"".join(self.row.encode(row) for row in rows + [{}] * (self.count - len(rows)))
 
 
 def layout(text):

@@ -26,8 +26,8 @@
 
 #define STARS_PORT 2017
 #define STARS_VERSION_MIN 1
-#define STARS_VERSION_CURRENT 1
-#define STARS_SCHEMA_HASH UINT32_C(0xca7534ba)
+#define STARS_VERSION_CURRENT 2
+#define STARS_SCHEMA_HASH UINT32_C(0xc470810f)
 #define STARS_SYNC UINT32_C(0x1dfccf1a)
 #define STARS_MAX_FRAME 65536
 
@@ -38,6 +38,7 @@ enum {
     STARS_KIND_STATUS = 3,
     STARS_KIND_UPDATE = 4,
     STARS_KIND_GYRO = 5,
+    STARS_KIND_COMMANDS = 6,
 };
 
 /* Codes of `role`; 0 is never valid. */
@@ -66,17 +67,36 @@ enum {
     STARS_CLOCK_QUALITY_SYNCHRONISED = 3,
 };
 
-/* Codes of `last_refusal`; 0 is never valid. */
+/* Codes of `stage`; 0 is never valid. */
 enum {
-    STARS_LAST_REFUSAL_NOT_IN_CHARGE = 1,
-    STARS_LAST_REFUSAL_STALE = 2,
-    STARS_LAST_REFUSAL_REPLAYED = 3,
-    STARS_LAST_REFUSAL_OUT_OF_RANGE = 4,
-    STARS_LAST_REFUSAL_BUSY = 5,
-    STARS_LAST_REFUSAL_NOT_ARMED = 6,
-    STARS_LAST_REFUSAL_UNKNOWN_COMMAND = 7,
-    STARS_LAST_REFUSAL_UNSAFE_STATE = 8,
-    STARS_LAST_REFUSAL_NOT_AUTHENTIC = 9,
+    STARS_STAGE_ACCEPTED = 1,
+    STARS_STAGE_STARTED = 2,
+    STARS_STAGE_COMPLETED = 3,
+    STARS_STAGE_REJECTED = 4,
+    STARS_STAGE_FAILED = 5,
+};
+
+/* Codes of `why`; 0 is never valid. */
+enum {
+    STARS_WHY_NOT_IN_CHARGE = 1,
+    STARS_WHY_STALE = 2,
+    STARS_WHY_REPLAYED = 3,
+    STARS_WHY_OUT_OF_RANGE = 4,
+    STARS_WHY_BUSY = 5,
+    STARS_WHY_NOT_ARMED = 6,
+    STARS_WHY_UNKNOWN_COMMAND = 7,
+    STARS_WHY_UNSAFE_STATE = 8,
+    STARS_WHY_NOT_AUTHENTIC = 9,
+    STARS_WHY_HALF_CHANGED = 10,
+    STARS_WHY_EARLY = 11,
+    STARS_WHY_WRONG_BOOT = 12,
+    STARS_WHY_NOT_AVAILABLE = 13,
+    STARS_WHY_NOT_KEPT = 14,
+    STARS_WHY_STOPPED = 15,
+    STARS_WHY_DEVICE = 16,
+    STARS_WHY_PROGRAM = 17,
+    STARS_WHY_DIALECT = 18,
+    STARS_WHY_NO_RESULT = 19,
 };
 
 /* Codes of `reason`; 0 is never valid. */
@@ -117,6 +137,118 @@ enum {
 enum {
     STARS_MODE_NORMAL = 1,
     STARS_MODE_ROBUST = 2,
+};
+
+/* Codes of `focus_doubt`; 0 is never valid. */
+enum {
+    STARS_FOCUS_DOUBT_NO_LENS = 1,
+    STARS_FOCUS_DOUBT_NEVER_READ = 2,
+    STARS_FOCUS_DOUBT_REQUESTED = 3,
+    STARS_FOCUS_DOUBT_NOT_READ_BACK = 4,
+    STARS_FOCUS_DOUBT_TIMED_OUT = 5,
+    STARS_FOCUS_DOUBT_UNEXPECTED_REPLY = 6,
+    STARS_FOCUS_DOUBT_REFUSED = 7,
+    STARS_FOCUS_DOUBT_PORT_LOST = 8,
+    STARS_FOCUS_DOUBT_NOT_LEARNED = 9,
+    STARS_FOCUS_DOUBT_POWER_CYCLED = 10,
+    STARS_FOCUS_DOUBT_COUNTS_LOST = 11,
+    STARS_FOCUS_DOUBT_MISSED = 12,
+};
+
+/* Codes of `autofocus_mode`; 0 is never valid. */
+enum {
+    STARS_AUTOFOCUS_MODE_NOT_RUNNING = 1,
+    STARS_AUTOFOCUS_MODE_RUNNING = 2,
+    STARS_AUTOFOCUS_MODE_GRACE = 3,
+};
+
+/* Codes of `autofocus_ending`; 0 is never valid. */
+enum {
+    STARS_AUTOFOCUS_ENDING_FOUND = 1,
+    STARS_AUTOFOCUS_ENDING_EDGE_LOW = 2,
+    STARS_AUTOFOCUS_ENDING_EDGE_HIGH = 3,
+    STARS_AUTOFOCUS_ENDING_NO_PEAK = 4,
+    STARS_AUTOFOCUS_ENDING_TOO_FEW = 5,
+    STARS_AUTOFOCUS_ENDING_NOT_CONFIRMED = 6,
+    STARS_AUTOFOCUS_ENDING_TIMED_OUT = 7,
+    STARS_AUTOFOCUS_ENDING_ABORTED = 8,
+    STARS_AUTOFOCUS_ENDING_STOPPED = 9,
+    STARS_AUTOFOCUS_ENDING_LENS_FAILED = 10,
+    STARS_AUTOFOCUS_ENDING_BETTER = 11,
+    STARS_AUTOFOCUS_ENDING_WORSE = 12,
+};
+
+/* Codes of `last_end`; 0 is never valid. */
+enum {
+    STARS_LAST_END_CLEAN = 1,
+    STARS_LAST_END_COMMANDED = 2,
+    STARS_LAST_END_CRASHED = 3,
+    STARS_LAST_END_COMPUTER_RESTARTED = 4,
+};
+
+/* Codes of `last_restart`; 0 is never valid. */
+enum {
+    STARS_LAST_RESTART_CAMERA = 1,
+    STARS_LAST_RESTART_LENS = 2,
+    STARS_LAST_RESTART_SOLVER = 3,
+    STARS_LAST_RESTART_HUB = 4,
+    STARS_LAST_RESTART_RECORDER = 5,
+    STARS_LAST_RESTART_LEDGER = 6,
+    STARS_LAST_RESTART_LISTENER = 7,
+    STARS_LAST_RESTART_SESSION = 8,
+    STARS_LAST_RESTART_HOUSEKEEPING = 9,
+};
+
+/* What to do with a command. */
+enum {
+    STARS_ACT_RUN = 1,
+    STARS_ACT_ARM = 2,
+    STARS_ACT_FIRE = 3,
+};
+
+/* Commands, with their values. */
+enum {
+    STARS_COMMAND_SERVICE_QUIT = 1, /* */
+    STARS_COMMAND_SERVICE_SHUT_DOWN = 2, /* restart */
+    STARS_COMMAND_SERVICE_RESET_NETWORK = 3, /* */
+    STARS_COMMAND_SERVICE_SET_NETWORK_LULL = 4, /* enabled delay_s */
+    STARS_COMMAND_SERVICE_FACTORY_RESET = 5, /* */
+    STARS_COMMAND_SERVICE_KNOWN_GOOD = 6, /* */
+    STARS_COMMAND_DISPLAY_CONFIGURE = 7, /* rate_hz full_screen image_only show_requirements brightness */
+    STARS_COMMAND_DISPLAY_SET_ZOOM = 8, /* x_px y_px magnification */
+    STARS_COMMAND_IMAGES_SEND = 9, /* enabled */
+    STARS_COMMAND_CAMERA_SET_SERIES = 10, /* readout_delay_s */
+    STARS_COMMAND_CAMERA_GET_GAIN = 11, /* */
+    STARS_COMMAND_CAMERA_SET_GAIN = 12, /* gain_db */
+    STARS_COMMAND_SIMULATOR_SET_BRIGHTNESS = 13, /* enabled level_ke_s_px gain_db actual_exposure_s simulated_exposure_s */
+    STARS_COMMAND_LENS_FLUSH = 20, /* */
+    STARS_COMMAND_LENS_INIT_FOCUS = 21, /* */
+    STARS_COMMAND_LENS_GET_FOCUS = 22, /* */
+    STARS_COMMAND_LENS_SET_FOCUS = 23, /* position_counts */
+    STARS_COMMAND_LENS_MOVE_FOCUS = 24, /* step_counts */
+    STARS_COMMAND_LENS_INIT_APERTURE = 25, /* */
+    STARS_COMMAND_LENS_GET_APERTURE = 26, /* */
+    STARS_COMMAND_LENS_SET_APERTURE = 27, /* position_counts */
+    STARS_COMMAND_LENS_STOP = 28, /* */
+    STARS_COMMAND_FOCUS_RUN = 40, /* */
+    STARS_COMMAND_FOCUS_SET_RANGE = 41, /* min_counts max_counts step_counts */
+    STARS_COMMAND_FOCUS_ABORT = 42, /* use_result */
+    STARS_COMMAND_FOCUS_REFOCUS = 43, /* step_counts */
+    STARS_COMMAND_FOCUS_ADVISE = 45, /* */
+    STARS_COMMAND_FOCUS_SET_DISPLAY = 44, /* show */
+    STARS_COMMAND_SOLVER_CONFIGURE = 60, /* enabled timeout_s */
+    STARS_COMMAND_SOLVER_ABORT = 61, /* */
+    STARS_COMMAND_SOLVER_MASK = 62, /* enabled field_0 field_1 field_2 */
+    STARS_COMMAND_SOLVER_SOURCES = 63, /* snr_threshold max_sources robust */
+    STARS_COMMAND_SOLVER_CELLS = 64, /* cell_px max_per_cell */
+    STARS_COMMAND_SOLVER_MOTION = 65, /* enabled */
+    STARS_COMMAND_SOLVER_MATCHING = 66, /* enabled tolerance_px platescale_min_arcsec_px platescale_max_arcsec_px */
+    STARS_COMMAND_REQUIREMENTS_HORIZONTAL_LOCATION = 80, /* enabled radius_deg */
+    STARS_COMMAND_REQUIREMENTS_HORIZONTAL_ROLL = 81, /* enabled min_deg max_deg */
+    STARS_COMMAND_REQUIREMENTS_ELEVATION = 82, /* enabled min_deg max_deg */
+    STARS_COMMAND_REQUIREMENTS_EQUATORIAL_LOCATION = 83, /* enabled radius_deg */
+    STARS_COMMAND_REQUIREMENTS_EQUATORIAL_ROLL = 84, /* enabled min_deg max_deg */
+    STARS_COMMAND_REQUIREMENTS_MATCHING = 85, /* pointing_error_max_arcsec fit_error_max_px min_matched */
 };
 
 /* First message either way: who is there, and which versions it speaks. */
@@ -240,6 +372,29 @@ STARS_ASSERT(offsetof(stars_source_t, snr) == 20, "stars_source_t.snr");
 STARS_ASSERT(offsetof(stars_source_t, saturated) == 24, "stars_source_t.saturated");
 STARS_ASSERT(offsetof(stars_source_t, star_id_known) == 25, "stars_source_t.star_id_known");
 STARS_ASSERT(offsetof(stars_source_t, star_id) == 26, "stars_source_t.star_id");
+
+/* A stage that a command reached. */
+typedef struct STARS_PACKED {
+    uint32_t serial; /* Counts all replies since the camera's start, from 1. */
+    uint8_t flight_computer; /* The flight computer that gave the command. */
+    uint8_t command; /* The command's number; 0 where a whole block was refused. */
+    uint32_t counter; /* Its counter. */
+    uint8_t stage; /* How far it has come. */
+    uint8_t why_known; /* Whether `why` is known. */
+    uint8_t why; /* Why it was rejected or failed. */
+    double reply_age_s; /* Time since then. [s] */
+    char words[64]; /* The reason or what came of it in words, cut where it is longer. */
+} stars_command_reply_t;
+STARS_ASSERT(sizeof(stars_command_reply_t) == 85, "stars_command_reply_t");
+STARS_ASSERT(offsetof(stars_command_reply_t, serial) == 0, "stars_command_reply_t.serial");
+STARS_ASSERT(offsetof(stars_command_reply_t, flight_computer) == 4, "stars_command_reply_t.flight_computer");
+STARS_ASSERT(offsetof(stars_command_reply_t, command) == 5, "stars_command_reply_t.command");
+STARS_ASSERT(offsetof(stars_command_reply_t, counter) == 6, "stars_command_reply_t.counter");
+STARS_ASSERT(offsetof(stars_command_reply_t, stage) == 10, "stars_command_reply_t.stage");
+STARS_ASSERT(offsetof(stars_command_reply_t, why_known) == 11, "stars_command_reply_t.why_known");
+STARS_ASSERT(offsetof(stars_command_reply_t, why) == 12, "stars_command_reply_t.why");
+STARS_ASSERT(offsetof(stars_command_reply_t, reply_age_s) == 13, "stars_command_reply_t.reply_age_s");
+STARS_ASSERT(offsetof(stars_command_reply_t, words) == 21, "stars_command_reply_t.words");
 
 /* Everything that the camera tells a flight computer, every 0.5 s on a steady schedule. */
 typedef struct STARS_PACKED {
@@ -381,8 +536,96 @@ typedef struct STARS_PACKED {
     uint8_t corrected_distortion; /* The distortion of the optics was fitted or given. */
     uint8_t sources_count; /* How many of the sources below there are. */
     stars_source_t sources[20]; /* The first sources, brightest first, solved or not. */
+    uint8_t lease_epoch_known; /* Whether `lease_epoch` is known. */
+    uint32_t lease_epoch; /* The lease of the flight computer in charge; it ends 3 s after the last status that renewed it. */
+    uint8_t armed_command_known; /* Whether `armed_command` is known. */
+    uint8_t armed_command; /* The command that may be fired now. */
+    double armed_for_s; /* Time that is left for it. [s] */
+    uint8_t commands_under_way; /* Commands under way. */
+    uint8_t authentication_required; /* Nothing runs whose sender does not show its key. */
+    uint8_t authentication_key; /* There is a key for the receiver of this update. */
+    uint8_t counters_kept; /* Counters of commands are kept on disk, so that none runs again after a restart. */
+    uint32_t refused[19]; /* Commands refused since the camera's start, by the codes of `last_refusal`. */
+    uint16_t settings_commanded; /* Settings that commands have changed from the values of the start. */
+    uint8_t replies_count; /* How many of the replies below there are. */
+    stars_command_reply_t replies[32]; /* Replies that the receiver has not acknowledged, oldest first; of more than 32 the last. */
+    uint8_t lens_connected; /* The controller answers. */
+    uint8_t lens_moving; /* A move has begun, and its reply has not come. */
+    uint8_t lens_stopped; /* Nothing moves by itself until a command moves it. */
+    uint8_t focus_doubt_known; /* Whether `focus_doubt` is known. */
+    uint8_t focus_doubt; /* Why the focus is not known, where it is not and does not move. */
+    uint8_t aperture_doubt_known; /* Whether `aperture_doubt` is known. */
+    uint8_t aperture_doubt; /* Why the aperture is not known. */
+    uint8_t focus_range_known; /* Whether the fields that need it are known. Focus range that the controller has learned. */
+    int32_t focus_nearest_counts; /* Nearest focus. [counts] */
+    int32_t focus_furthest_counts; /* Furthest focus. [counts] */
+    uint8_t lens_requests; /* Requests that are not answered to their end. */
+    uint32_t lens_errors; /* What went wrong with the lens since the start. */
+    char lens_last_error[64]; /* The last of it, in words. */
+    uint8_t autofocus_mode; /* What it is at. */
+    uint8_t autofocus_requested_counts_known; /* Whether `autofocus_requested_counts` is known. */
+    int32_t autofocus_requested_counts; /* Where it sent the lens last. [counts] */
+    uint8_t autofocus_run_age_s_known; /* Whether `autofocus_run_age_s` is known. */
+    double autofocus_run_age_s; /* Time since its last run began. [s] */
+    uint8_t autofocus_time_left_s_known; /* Whether `autofocus_time_left_s` is known. */
+    double autofocus_time_left_s; /* Time for which its run may still take images. [s] */
+    uint16_t autofocus_images; /* Images of this run, or of the last, that counted. */
+    uint8_t autofocus_best_known; /* Whether the fields that need it are known. Best focus as this run, or the last that knew, has it. */
+    double best_focus_counts; /* Position. [counts] */
+    double sigma_best_focus_counts; /* One standard deviation. [counts] */
+    double best_focus_drift_counts_min; /* By what it drifts. [counts/min] */
+    uint8_t autofocus_ending_known; /* Whether `autofocus_ending` is known. */
+    uint8_t autofocus_ending; /* How the last run ended. */
+    uint8_t focus_estimate_known; /* Whether the fields that need it are known. What the stars' widths say without a move. */
+    double star_width_px; /* Full width at half maximum of the stars at this position. [px] */
+    double focus_distance_counts; /* Distance of the best focus. [counts] */
+    double sigma_focus_distance_counts; /* One standard deviation of it. [counts] */
+    uint8_t focus_distance_calibrated; /* Measured against a sweep; otherwise against the settings. */
+    uint8_t star_width_px_per_hour_known; /* Whether `star_width_px_per_hour` is known. */
+    double star_width_px_per_hour; /* Change of the width with time. [px/h] */
+    uint8_t star_width_px_per_kelvin_known; /* Whether `star_width_px_per_kelvin` is known. */
+    double star_width_px_per_kelvin; /* Change of the width with the lens's temperature. [px/K] */
+    uint8_t simulated_housekeeping; /* A value of the housekeeping is made up. */
+    uint8_t temperature_lens_age_s_known; /* Whether `temperature_lens_age_s` is known. */
+    double temperature_lens_age_s; /* Time since the lens's temperature was read, even where the value is too old to be known. [s] */
+    uint8_t temperature_computer_age_s_known; /* Whether `temperature_computer_age_s` is known. */
+    double temperature_computer_age_s; /* Time since the computer's temperature was read. [s] */
+    uint8_t temperature_vessel_age_s_known; /* Whether `temperature_vessel_age_s` is known. */
+    double temperature_vessel_age_s; /* Time since the vessel's temperature was read. [s] */
+    uint8_t temperature_plate_age_s_known; /* Whether `temperature_plate_age_s` is known. */
+    double temperature_plate_age_s; /* Time since the plate's temperature was read. [s] */
+    uint8_t temperature_dcdc_age_s_known; /* Whether `temperature_dcdc_age_s` is known. */
+    double temperature_dcdc_age_s; /* Time since the DC-DC converter's temperature was read. [s] */
+    uint8_t temperature_flange_age_s_known; /* Whether `temperature_flange_age_s` is known. */
+    double temperature_flange_age_s; /* Time since the flange's temperature was read. [s] */
+    uint8_t pressure_age_s_known; /* Whether `pressure_age_s` is known. */
+    double pressure_age_s; /* Time since the pressure was read. [s] */
+    uint8_t disk_free_age_s_known; /* Whether `disk_free_age_s` is known. */
+    double disk_free_age_s; /* Time since the free space was read. [s] */
+    uint8_t temperature_lens_alarm; /* The lens's temperature is known and outside its limits. */
+    uint8_t temperature_computer_alarm; /* The computer's temperature is known and outside its limits. */
+    uint8_t temperature_vessel_alarm; /* The vessel's temperature is known and outside its limits. */
+    uint8_t temperature_plate_alarm; /* The plate's temperature is known and outside its limits. */
+    uint8_t temperature_dcdc_alarm; /* The DC-DC converter's temperature is known and outside its limits. */
+    uint8_t temperature_flange_alarm; /* The flange's temperature is known and outside its limits. */
+    uint8_t pressure_alarm; /* The pressure is known and outside its limits. */
+    uint8_t disk_free_alarm; /* The free space is known and less than its limit. */
+    uint8_t disk_days_left_known; /* Whether `disk_days_left` is known. */
+    double disk_days_left; /* Time until the disk is full if it goes on filling as in the last hours; unknown while it does not fill. [d] */
+    uint8_t run_number_known; /* Whether `run_number` is known. */
+    uint32_t run_number; /* Counts the runs of the service on this computer, from 1; unknown where nothing is kept. */
+    uint8_t last_end_known; /* Whether `last_end` is known. */
+    uint8_t last_end; /* How the run before this one ended. */
+    uint32_t restarts_lens; /* Times that the lens's actor was started again. */
+    uint32_t restarts_ledger; /* Times that the ledger was started again. */
+    uint32_t restarts_housekeeping; /* Times that the housekeeping was started again. */
+    uint8_t last_restart_known; /* Whether `last_restart` is known. */
+    uint8_t last_restart; /* The part of the service that was started again last. */
+    char last_restart_reason[64]; /* Why it had ended, cut where it is longer; empty where nothing was started again. */
+    uint8_t last_restart_age_s_known; /* Whether `last_restart_age_s` is known. */
+    double last_restart_age_s; /* Time since then. [s] */
 } stars_update_t;
-STARS_ASSERT(sizeof(stars_update_t) == 1348, "stars_update_t");
+STARS_ASSERT(sizeof(stars_update_t) == 4532, "stars_update_t");
 STARS_ASSERT(offsetof(stars_update_t, sequence) == 0, "stars_update_t.sequence");
 STARS_ASSERT(offsetof(stars_update_t, boot_id) == 4, "stars_update_t.boot_id");
 STARS_ASSERT(offsetof(stars_update_t, uptime_s) == 8, "stars_update_t.uptime_s");
@@ -521,6 +764,94 @@ STARS_ASSERT(offsetof(stars_update_t, corrected_refraction) == 745, "stars_updat
 STARS_ASSERT(offsetof(stars_update_t, corrected_distortion) == 746, "stars_update_t.corrected_distortion");
 STARS_ASSERT(offsetof(stars_update_t, sources_count) == 747, "stars_update_t.sources_count");
 STARS_ASSERT(offsetof(stars_update_t, sources) == 748, "stars_update_t.sources");
+STARS_ASSERT(offsetof(stars_update_t, lease_epoch_known) == 1348, "stars_update_t.lease_epoch_known");
+STARS_ASSERT(offsetof(stars_update_t, lease_epoch) == 1349, "stars_update_t.lease_epoch");
+STARS_ASSERT(offsetof(stars_update_t, armed_command_known) == 1353, "stars_update_t.armed_command_known");
+STARS_ASSERT(offsetof(stars_update_t, armed_command) == 1354, "stars_update_t.armed_command");
+STARS_ASSERT(offsetof(stars_update_t, armed_for_s) == 1355, "stars_update_t.armed_for_s");
+STARS_ASSERT(offsetof(stars_update_t, commands_under_way) == 1363, "stars_update_t.commands_under_way");
+STARS_ASSERT(offsetof(stars_update_t, authentication_required) == 1364, "stars_update_t.authentication_required");
+STARS_ASSERT(offsetof(stars_update_t, authentication_key) == 1365, "stars_update_t.authentication_key");
+STARS_ASSERT(offsetof(stars_update_t, counters_kept) == 1366, "stars_update_t.counters_kept");
+STARS_ASSERT(offsetof(stars_update_t, refused) == 1367, "stars_update_t.refused");
+STARS_ASSERT(offsetof(stars_update_t, settings_commanded) == 1443, "stars_update_t.settings_commanded");
+STARS_ASSERT(offsetof(stars_update_t, replies_count) == 1445, "stars_update_t.replies_count");
+STARS_ASSERT(offsetof(stars_update_t, replies) == 1446, "stars_update_t.replies");
+STARS_ASSERT(offsetof(stars_update_t, lens_connected) == 4166, "stars_update_t.lens_connected");
+STARS_ASSERT(offsetof(stars_update_t, lens_moving) == 4167, "stars_update_t.lens_moving");
+STARS_ASSERT(offsetof(stars_update_t, lens_stopped) == 4168, "stars_update_t.lens_stopped");
+STARS_ASSERT(offsetof(stars_update_t, focus_doubt_known) == 4169, "stars_update_t.focus_doubt_known");
+STARS_ASSERT(offsetof(stars_update_t, focus_doubt) == 4170, "stars_update_t.focus_doubt");
+STARS_ASSERT(offsetof(stars_update_t, aperture_doubt_known) == 4171, "stars_update_t.aperture_doubt_known");
+STARS_ASSERT(offsetof(stars_update_t, aperture_doubt) == 4172, "stars_update_t.aperture_doubt");
+STARS_ASSERT(offsetof(stars_update_t, focus_range_known) == 4173, "stars_update_t.focus_range_known");
+STARS_ASSERT(offsetof(stars_update_t, focus_nearest_counts) == 4174, "stars_update_t.focus_nearest_counts");
+STARS_ASSERT(offsetof(stars_update_t, focus_furthest_counts) == 4178, "stars_update_t.focus_furthest_counts");
+STARS_ASSERT(offsetof(stars_update_t, lens_requests) == 4182, "stars_update_t.lens_requests");
+STARS_ASSERT(offsetof(stars_update_t, lens_errors) == 4183, "stars_update_t.lens_errors");
+STARS_ASSERT(offsetof(stars_update_t, lens_last_error) == 4187, "stars_update_t.lens_last_error");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_mode) == 4251, "stars_update_t.autofocus_mode");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_requested_counts_known) == 4252, "stars_update_t.autofocus_requested_counts_known");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_requested_counts) == 4253, "stars_update_t.autofocus_requested_counts");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_run_age_s_known) == 4257, "stars_update_t.autofocus_run_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_run_age_s) == 4258, "stars_update_t.autofocus_run_age_s");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_time_left_s_known) == 4266, "stars_update_t.autofocus_time_left_s_known");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_time_left_s) == 4267, "stars_update_t.autofocus_time_left_s");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_images) == 4275, "stars_update_t.autofocus_images");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_best_known) == 4277, "stars_update_t.autofocus_best_known");
+STARS_ASSERT(offsetof(stars_update_t, best_focus_counts) == 4278, "stars_update_t.best_focus_counts");
+STARS_ASSERT(offsetof(stars_update_t, sigma_best_focus_counts) == 4286, "stars_update_t.sigma_best_focus_counts");
+STARS_ASSERT(offsetof(stars_update_t, best_focus_drift_counts_min) == 4294, "stars_update_t.best_focus_drift_counts_min");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_ending_known) == 4302, "stars_update_t.autofocus_ending_known");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_ending) == 4303, "stars_update_t.autofocus_ending");
+STARS_ASSERT(offsetof(stars_update_t, focus_estimate_known) == 4304, "stars_update_t.focus_estimate_known");
+STARS_ASSERT(offsetof(stars_update_t, star_width_px) == 4305, "stars_update_t.star_width_px");
+STARS_ASSERT(offsetof(stars_update_t, focus_distance_counts) == 4313, "stars_update_t.focus_distance_counts");
+STARS_ASSERT(offsetof(stars_update_t, sigma_focus_distance_counts) == 4321, "stars_update_t.sigma_focus_distance_counts");
+STARS_ASSERT(offsetof(stars_update_t, focus_distance_calibrated) == 4329, "stars_update_t.focus_distance_calibrated");
+STARS_ASSERT(offsetof(stars_update_t, star_width_px_per_hour_known) == 4330, "stars_update_t.star_width_px_per_hour_known");
+STARS_ASSERT(offsetof(stars_update_t, star_width_px_per_hour) == 4331, "stars_update_t.star_width_px_per_hour");
+STARS_ASSERT(offsetof(stars_update_t, star_width_px_per_kelvin_known) == 4339, "stars_update_t.star_width_px_per_kelvin_known");
+STARS_ASSERT(offsetof(stars_update_t, star_width_px_per_kelvin) == 4340, "stars_update_t.star_width_px_per_kelvin");
+STARS_ASSERT(offsetof(stars_update_t, simulated_housekeeping) == 4348, "stars_update_t.simulated_housekeeping");
+STARS_ASSERT(offsetof(stars_update_t, temperature_lens_age_s_known) == 4349, "stars_update_t.temperature_lens_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_lens_age_s) == 4350, "stars_update_t.temperature_lens_age_s");
+STARS_ASSERT(offsetof(stars_update_t, temperature_computer_age_s_known) == 4358, "stars_update_t.temperature_computer_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_computer_age_s) == 4359, "stars_update_t.temperature_computer_age_s");
+STARS_ASSERT(offsetof(stars_update_t, temperature_vessel_age_s_known) == 4367, "stars_update_t.temperature_vessel_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_vessel_age_s) == 4368, "stars_update_t.temperature_vessel_age_s");
+STARS_ASSERT(offsetof(stars_update_t, temperature_plate_age_s_known) == 4376, "stars_update_t.temperature_plate_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_plate_age_s) == 4377, "stars_update_t.temperature_plate_age_s");
+STARS_ASSERT(offsetof(stars_update_t, temperature_dcdc_age_s_known) == 4385, "stars_update_t.temperature_dcdc_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_dcdc_age_s) == 4386, "stars_update_t.temperature_dcdc_age_s");
+STARS_ASSERT(offsetof(stars_update_t, temperature_flange_age_s_known) == 4394, "stars_update_t.temperature_flange_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_flange_age_s) == 4395, "stars_update_t.temperature_flange_age_s");
+STARS_ASSERT(offsetof(stars_update_t, pressure_age_s_known) == 4403, "stars_update_t.pressure_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, pressure_age_s) == 4404, "stars_update_t.pressure_age_s");
+STARS_ASSERT(offsetof(stars_update_t, disk_free_age_s_known) == 4412, "stars_update_t.disk_free_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, disk_free_age_s) == 4413, "stars_update_t.disk_free_age_s");
+STARS_ASSERT(offsetof(stars_update_t, temperature_lens_alarm) == 4421, "stars_update_t.temperature_lens_alarm");
+STARS_ASSERT(offsetof(stars_update_t, temperature_computer_alarm) == 4422, "stars_update_t.temperature_computer_alarm");
+STARS_ASSERT(offsetof(stars_update_t, temperature_vessel_alarm) == 4423, "stars_update_t.temperature_vessel_alarm");
+STARS_ASSERT(offsetof(stars_update_t, temperature_plate_alarm) == 4424, "stars_update_t.temperature_plate_alarm");
+STARS_ASSERT(offsetof(stars_update_t, temperature_dcdc_alarm) == 4425, "stars_update_t.temperature_dcdc_alarm");
+STARS_ASSERT(offsetof(stars_update_t, temperature_flange_alarm) == 4426, "stars_update_t.temperature_flange_alarm");
+STARS_ASSERT(offsetof(stars_update_t, pressure_alarm) == 4427, "stars_update_t.pressure_alarm");
+STARS_ASSERT(offsetof(stars_update_t, disk_free_alarm) == 4428, "stars_update_t.disk_free_alarm");
+STARS_ASSERT(offsetof(stars_update_t, disk_days_left_known) == 4429, "stars_update_t.disk_days_left_known");
+STARS_ASSERT(offsetof(stars_update_t, disk_days_left) == 4430, "stars_update_t.disk_days_left");
+STARS_ASSERT(offsetof(stars_update_t, run_number_known) == 4438, "stars_update_t.run_number_known");
+STARS_ASSERT(offsetof(stars_update_t, run_number) == 4439, "stars_update_t.run_number");
+STARS_ASSERT(offsetof(stars_update_t, last_end_known) == 4443, "stars_update_t.last_end_known");
+STARS_ASSERT(offsetof(stars_update_t, last_end) == 4444, "stars_update_t.last_end");
+STARS_ASSERT(offsetof(stars_update_t, restarts_lens) == 4445, "stars_update_t.restarts_lens");
+STARS_ASSERT(offsetof(stars_update_t, restarts_ledger) == 4449, "stars_update_t.restarts_ledger");
+STARS_ASSERT(offsetof(stars_update_t, restarts_housekeeping) == 4453, "stars_update_t.restarts_housekeeping");
+STARS_ASSERT(offsetof(stars_update_t, last_restart_known) == 4457, "stars_update_t.last_restart_known");
+STARS_ASSERT(offsetof(stars_update_t, last_restart) == 4458, "stars_update_t.last_restart");
+STARS_ASSERT(offsetof(stars_update_t, last_restart_reason) == 4459, "stars_update_t.last_restart_reason");
+STARS_ASSERT(offsetof(stars_update_t, last_restart_age_s_known) == 4523, "stars_update_t.last_restart_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, last_restart_age_s) == 4524, "stars_update_t.last_restart_age_s");
 
 /* One exposure of a series. */
 typedef struct STARS_PACKED {
@@ -564,6 +895,50 @@ STARS_ASSERT(offsetof(stars_gyro_t, exposures_count) == 33, "stars_gyro_t.exposu
 STARS_ASSERT(offsetof(stars_gyro_t, exposures) == 34, "stars_gyro_t.exposures");
 STARS_ASSERT(offsetof(stars_gyro_t, samples_count) == 162, "stars_gyro_t.samples_count");
 STARS_ASSERT(offsetof(stars_gyro_t, samples) == 164, "stars_gyro_t.samples");
+
+/* A command. */
+typedef struct STARS_PACKED {
+    uint8_t command; /* Its number in the table of commands. */
+    uint8_t act; /* 1 run, 2 arm, 3 fire. */
+    uint32_t counter; /* Counts the sender's commands of this number since its boot, from 1. */
+    double age_s; /* Time since the ground gave it, from a clock that never jumps. [s] */
+    double values[8]; /* Its values in the order of the table, zeros after them. */
+    uint32_t seal; /* CRC-32 (IEEE) over command, act, counter and values as they stand here, made when the ground gave the command and kept beside it: it shows that none of them changed alone. */
+} stars_command_slot_t;
+STARS_ASSERT(sizeof(stars_command_slot_t) == 82, "stars_command_slot_t");
+STARS_ASSERT(offsetof(stars_command_slot_t, command) == 0, "stars_command_slot_t.command");
+STARS_ASSERT(offsetof(stars_command_slot_t, act) == 1, "stars_command_slot_t.act");
+STARS_ASSERT(offsetof(stars_command_slot_t, counter) == 2, "stars_command_slot_t.counter");
+STARS_ASSERT(offsetof(stars_command_slot_t, age_s) == 6, "stars_command_slot_t.age_s");
+STARS_ASSERT(offsetof(stars_command_slot_t, values) == 14, "stars_command_slot_t.values");
+STARS_ASSERT(offsetof(stars_command_slot_t, seal) == 78, "stars_command_slot_t.seal");
+
+/* The commands that the sender was given of late, to the camera after each status for as long as one of them matters: a command stands in a block until its last reply has come, 15 s at most. */
+typedef struct STARS_PACKED {
+    uint32_t sequence; /* Counts the sender's blocks of this connection, from 0. */
+    uint32_t boot_id; /* The sender's boot, as in its hello. */
+    uint32_t camera_boot_id; /* The camera's boot, as in its hello. */
+    uint32_t lease_epoch; /* The lease that the sender holds, as the last update says. */
+    uint8_t last_update_sequence_known; /* Whether `last_update_sequence` is known. */
+    uint32_t last_update_sequence; /* Sequence number of the last update received: it shows how long this block can have been on its way. */
+    uint32_t acknowledged; /* Replies up to this serial number have been received, and need not be repeated; 0: none. */
+    uint8_t slots_count; /* How many of the commands below there are, at most 8. */
+    stars_command_slot_t slots[8]; /* The commands. */
+    uint8_t tag_known; /* Whether `tag` is known. */
+    uint8_t tag[32]; /* HMAC-SHA-256 (RFC 2104) over all bytes of the body before this field's flag, with the sender's key. */
+} stars_commands_t;
+STARS_ASSERT(sizeof(stars_commands_t) == 715, "stars_commands_t");
+STARS_ASSERT(offsetof(stars_commands_t, sequence) == 0, "stars_commands_t.sequence");
+STARS_ASSERT(offsetof(stars_commands_t, boot_id) == 4, "stars_commands_t.boot_id");
+STARS_ASSERT(offsetof(stars_commands_t, camera_boot_id) == 8, "stars_commands_t.camera_boot_id");
+STARS_ASSERT(offsetof(stars_commands_t, lease_epoch) == 12, "stars_commands_t.lease_epoch");
+STARS_ASSERT(offsetof(stars_commands_t, last_update_sequence_known) == 16, "stars_commands_t.last_update_sequence_known");
+STARS_ASSERT(offsetof(stars_commands_t, last_update_sequence) == 17, "stars_commands_t.last_update_sequence");
+STARS_ASSERT(offsetof(stars_commands_t, acknowledged) == 21, "stars_commands_t.acknowledged");
+STARS_ASSERT(offsetof(stars_commands_t, slots_count) == 25, "stars_commands_t.slots_count");
+STARS_ASSERT(offsetof(stars_commands_t, slots) == 26, "stars_commands_t.slots");
+STARS_ASSERT(offsetof(stars_commands_t, tag_known) == 682, "stars_commands_t.tag_known");
+STARS_ASSERT(offsetof(stars_commands_t, tag) == 683, "stars_commands_t.tag");
 
 /* A whole frame inside a buffer. */
 typedef struct {
@@ -635,6 +1010,23 @@ static inline size_t stars_put_frame(uint8_t *out, size_t room, uint8_t kind, co
         out[10 + i] = ((const uint8_t *)body)[i];
     stars_put_u32(out + size - 4, stars_crc32(0, out + 8, body_size + 2));
     return size;
+}
+
+/* A command for a block, with its seal: make it once, when the ground gives it, and keep it; only `age_s` changes from block to
+ * block. `counter` counts the commands of this code since your boot, from 1; `values` in the order of the table of commands, zeros
+ * after them. */
+static inline stars_command_slot_t stars_command(int code, int act, uint32_t counter, const double values[8])
+{
+    stars_command_slot_t slot = {0};
+    slot.command = (uint8_t)code;
+    slot.act = (uint8_t)act;
+    slot.counter = counter;
+    for (int i = 0; i < 8; i++)
+        slot.values[i] = values[i];
+    const uint8_t *bytes = (const uint8_t *)&slot;
+    uint32_t seal = stars_crc32(0, bytes, offsetof(stars_command_slot_t, age_s));
+    slot.seal = stars_crc32(seal, bytes + offsetof(stars_command_slot_t, values), sizeof slot.values);
+    return slot;
 }
 
 #endif

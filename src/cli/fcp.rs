@@ -189,7 +189,7 @@ impl Args {
                 read_stdin(to_ground).await;
             }
         });
-        let mut log = Log { until_answered, id: self.id, ..Log::new(self.json, self.updates) };
+        let mut log = Log { commanding, until_answered, id: self.id, ..Log::new(self.json, self.updates) };
         let end = tokio::select! {
             end = log.read(&mut sightings) => end?,
             () = interrupted() => End::Signal,
@@ -306,6 +306,8 @@ struct Log {
     connected: bool,
     last_update: Option<Instant>,
     longest: Duration,
+    /// Commands are given.
+    commanding: bool,
     /// End when every command has had its last reply.
     until_answered: bool,
     /// Commands of this computer that were rejected, failed or never answered.
@@ -325,6 +327,7 @@ impl Log {
             connected: false,
             last_update: None,
             longest: Duration::ZERO,
+            commanding: false,
             until_answered: false,
             refused: 0,
             id: 0,
@@ -363,7 +366,7 @@ impl Log {
             }
             Seen::Reply(reply) => {
                 let last_and_bad = matches!(reply.stage.get(), Some(Stage::Rejected | Stage::Failed));
-                self.refused += u32::from(last_and_bad && reply.flight_computer == self.id);
+                self.refused += u32::from(self.commanding && last_and_bad && reply.flight_computer == self.id);
                 self.line(sighting.at, "command", reply_fields(reply)?, || reply_line(reply))?;
             }
             Seen::Unanswered(given) => {

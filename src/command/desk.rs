@@ -219,6 +219,7 @@ fn runs_unkept(command: &Command) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::command::BootId;
 
     const FC: FlightComputer = FlightComputer(1);
     const AT_3000: Focus = Focus { position: Some(3000), large_move: 500 };
@@ -320,6 +321,7 @@ mod tests {
     #[test]
     fn replies_are_due_until_acknowledged_and_the_last_32_are_kept() {
         let mut desk = Desk::default();
+        desk.replies.begin(FC, BootId(1));
         for counter in 1..=20 {
             run(&mut desk, at(0), order(counter, Act::Arm, "service.quit"), AT_3000);
         }
@@ -329,6 +331,10 @@ mod tests {
         desk.replies.acknowledge(FC, serial - 3);
         desk.replies.acknowledge(FC, 1_000_000);
         assert_eq!(desk.replies.due(FC).count(), 22);
+        desk.replies.begin(FC, BootId(1));
+        assert_eq!(desk.replies.due(FC).count(), 22, "the same boot connects again");
+        desk.replies.begin(FC, BootId(2));
+        assert_eq!(desk.replies.due(FC).count(), 0, "what another boot was told is not for this one");
         assert_eq!(desk.replies.due(FlightComputer(2)).count(), 32);
     }
 

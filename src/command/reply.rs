@@ -1,6 +1,6 @@
 //! Replies: what became of each command, in stages, until the flight computer has acknowledged them.
 
-use super::in_charge::{FlightComputer, Tick};
+use super::in_charge::{BootId, FlightComputer, Tick};
 use std::collections::{BTreeMap, VecDeque};
 
 /// Replies that are kept.
@@ -99,7 +99,8 @@ pub struct Reply {
 pub struct Replies {
     kept: VecDeque<Reply>,
     last: u32,
-    acknowledged: BTreeMap<FlightComputer, u32>,
+    /// The boot of each computer, and up to where it has acknowledged.
+    acknowledged: BTreeMap<FlightComputer, (BootId, u32)>,
 }
 
 impl Replies {
@@ -113,22 +114,25 @@ impl Replies {
         self.last
     }
 
+    /// A computer connects. Another boot than before has nothing to do with what was answered until now: a counter of its own could
+    /// be taken for one of the boot before.
+    pub fn begin(&mut self, computer: FlightComputer, boot: BootId) {
+        let known = self.acknowledged.entry(computer).or_insert((boot, self.last));
+        if known.0 != boot {
+            *known = (boot, self.last);
+        }
+    }
+
     /// A computer has everything up to this serial number. One that was never given is ignored.
     pub fn acknowledge(&mut self, computer: FlightComputer, serial: u32) {
-        let known = self.acknowledged.entry(computer).or_default();
-        if serial <= self.last {
+        if let Some((_, known)) = self.acknowledged.get_mut(&computer).filter(|_| serial <= self.last) {
             *known = serial.max(*known);
         }
     }
 
-    /// A computer begins anew: it has nothing.
-    pub fn forget(&mut self, computer: FlightComputer) {
-        self.acknowledged.remove(&computer);
-    }
-
     /// What a computer has not acknowledged, oldest first: the replies to its own commands and to the other's.
     pub fn due(&self, computer: FlightComputer) -> impl Iterator<Item = &Reply> {
-        let known = self.acknowledged.get(&computer).copied().unwrap_or_default();
+        let known = self.acknowledged.get(&computer).map_or(0, |(_, serial)| *serial);
         self.kept.iter().filter(move |reply| reply.serial > known)
     }
 
