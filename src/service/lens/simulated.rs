@@ -99,7 +99,7 @@ impl SimulatedLens {
     async fn live(&self) {
         loop {
             match self.terminal() {
-                Ok((master, path)) => {
+                Ok((master, _held, path)) => {
                     self.set_path(Some(path));
                     self.serve(master).await;
                     self.set_path(None);
@@ -115,12 +115,13 @@ impl SimulatedLens {
         }
     }
 
-    /// Makes a pseudo-terminal, raw, so that it does not give back to us what we send. Our own hold on the end that the lens's actor
-    /// opens is given up: as on a real port, nobody is there until it is opened.
-    fn terminal(&self) -> Result<(SerialStream, PathBuf), String> {
-        let (master, end) = SerialStream::pair().map_err(|error| error.to_string())?;
+    /// Makes a pseudo-terminal, raw, so that it does not give back to us what we send. We hold the end that the lens's actor opens too:
+    /// where nobody does, ours hangs up for good in the eyes of tokio, which then reads it over and over.
+    fn terminal(&self) -> Result<(SerialStream, SerialStream, PathBuf), String> {
+        let (master, mut end) = SerialStream::pair().map_err(|error| error.to_string())?;
+        end.set_exclusive(false).map_err(|error| error.to_string())?;
         let name = end.name().ok_or("it has no name")?;
-        Ok((master, PathBuf::from(name)))
+        Ok((master, end, PathBuf::from(name)))
     }
 
     /// Is at the other end of the terminal until the port vanishes.
