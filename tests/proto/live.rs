@@ -99,10 +99,10 @@ fn stars_fcp_prints_every_variable_by_its_name_and_ends_after_the_updates_wanted
     let output = client(stars_fcp(), &OPTIONS, |stream, _| serve_two_updates(stream));
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let lines = lines(&output);
-    assert_eq!(kinds(&lines), ["connected", "update", "update", "closed"]);
+    assert_eq!(kinds(&lines), ["connected", "update", "command", "command", "update", "closed"]);
     assert_eq!(lines[0]["name"], "xsc0");
     assert_carries(&lines[1], &sample("update_solved"));
-    assert_carries(&lines[2], &sample("update_unsolved"));
+    assert_carries(&lines[4], &sample("update_unsolved"));
     assert!(lines[1]["interval_s"].is_null() && lines[2]["interval_s"].as_f64().unwrap() >= 0.0);
     assert_eq!(lines[3]["reason"], "enough updates");
 }
