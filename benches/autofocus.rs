@@ -19,13 +19,29 @@ fn main() {
             if let Some(sol) = &o.solution {
                 for t in r.truth.stars.iter().take(7) {
                     let m = sol.matches.iter().find(|m| m.star == t.star).map(|m| o.sources[m.source]);
-                    let sg = r.truth.psf_sigma_px; let u = disc*disc/(8.0*sg*sg);
-                    let g = if u > 1e-6 { (1.0-(-u).exp())/u } else {1.0};
-                    let expect = t.flux_adu/(2.0*3.1416*sg*sg)*g;
-                    s += &format!(" {:.0}/{:.0}({:.1})", m.map_or(-1.0, |m| m.peak), expect, m.map_or(0.0, |m| (m.flux/m.peak).sqrt()));
+                    let sg = r.truth.psf_sigma_px;
+                    let u = disc * disc / (8.0 * sg * sg);
+                    let g = if u > 1e-6 { (1.0 - (-u).exp()) / u } else { 1.0 };
+                    let expect = t.flux_adu / (2.0 * 3.1416 * sg * sg) * g;
+                    s += &format!(
+                        " {:.0}/{:.0}({:.1})",
+                        m.map_or(-1.0, |m| m.peak),
+                        expect,
+                        m.map_or(0.0, |m| (m.flux / m.peak).sqrt())
+                    );
                 }
             }
-            println!("{index} disc {disc:4} {:?} {:?} n {} noise {:.1} gain {:?} fwhm {:.2} sig {:.2} br {br:.0} matched {} {s}", o.reason, o.mode, o.sources.len(), st.noise, st.gain, st.fwhm_px.unwrap_or(0.0), r.truth.psf_sigma_px, o.solution.as_ref().map_or(0, |s| s.matches.len()));
+            println!(
+                "{index} disc {disc:4} {:?} {:?} n {} noise {:.1} gain {:?} fwhm {:.2} sig {:.2} br {br:.0} matched {} {s}",
+                o.reason,
+                o.mode,
+                o.sources.len(),
+                st.noise,
+                st.gain,
+                st.fwhm_px.unwrap_or(0.0),
+                r.truth.psf_sigma_px,
+                o.solution.as_ref().map_or(0, |s| s.matches.len())
+            );
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The state: one immutable snapshot of all that is true now. The hub alone makes it; everybody else reads the newest.
 
 use super::session::Closed;
+use crate::command::legacy::LegacyGuard;
 use crate::command::{BootId, Desk, FlightComputer, Focus, Guard, InCharge, Lease};
 use crate::image::{ImageCounter, TriggerCounter};
 use crate::lens::{Doubt, LensState};
@@ -8,6 +9,7 @@ use crate::settings::{CameraKind, LensKind, ObserverSettings, Settings};
 use crate::sky::Observer;
 use crate::solve::{Outcome, Prior, Report};
 use crate::wire::Status;
+use crate::wire::legacy::Picture;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use tokio::time::Instant;
@@ -33,6 +35,8 @@ pub struct State {
     pub charge: InCharge,
     /// Which commands have been seen.
     pub guard: Guard,
+    /// The same for each flight computer that speaks the legacy dialect.
+    pub legacy: BTreeMap<FlightComputer, LegacyGuard>,
     /// The orders under way, and what came of the others.
     pub desk: Desk,
     /// Whether the counters of commands survive a restart.
@@ -78,6 +82,8 @@ pub struct Finished {
     pub report: Report,
     /// When the frame was captured.
     pub captured: Instant,
+    /// What the places of its sources refer to, where it was looked at.
+    pub picture: Option<Picture>,
 }
 
 /// Whether frames can be solved.
@@ -153,6 +159,7 @@ pub enum Actor {
     Recorder,
     Ledger,
     Listener,
+    LegacyListener,
     Session,
 }
 
@@ -171,7 +178,7 @@ impl Simulated {
 impl Finished {
     /// An outcome in which nothing was matched, so that no star needs a name.
     pub fn without_stars(outcome: Outcome, captured: Instant) -> Self {
-        Self { report: Report::without_stars(&outcome), outcome, captured }
+        Self { report: Report::without_stars(&outcome), outcome, captured, picture: None }
     }
 }
 
@@ -188,6 +195,7 @@ impl State {
             peers: Vec::new(),
             charge: InCharge::default(),
             guard,
+            legacy: BTreeMap::new(),
             desk: Desk::default(),
             counters_kept: false,
             settings_hash: settings.fingerprint() as u32,

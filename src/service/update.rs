@@ -31,7 +31,7 @@ pub fn compose(state: &State, shared: &Shared, computer: FlightComputer, sequenc
         link: link(state, shared, sequence, record, now),
         authority: authority(state, computer),
         counters: counters(&state.counters, state.solving.is_some()),
-        housekeeping: Housekeeping::default(),
+        housekeeping: housekeeping(state),
         camera: camera(state),
         image: image(state, shared, now).into(),
         control: control(state, shared, computer),
@@ -92,7 +92,13 @@ fn control(state: &State, shared: &Shared, computer: FlightComputer) -> Control 
     .with_replies(&replies)
 }
 
-fn camera(state: &State) -> Camera {
+/// Temperatures, pressure and disk: nothing measures them yet.
+pub fn housekeeping(_state: &State) -> Housekeeping {
+    Housekeeping::default()
+}
+
+/// Camera and lens as they are now.
+pub fn camera(state: &State) -> Camera {
     Camera { next_image_counter: state.counters.next_image.0.into(), gain_db: state.camera_gain.into(), ..Camera::default() }
 }
 
@@ -109,7 +115,10 @@ fn counters(counters: &Counters, solving: bool) -> wire::Counters {
         restarts_solver: restarts(Actor::Solver).into(),
         restarts_hub: restarts(Actor::Hub).into(),
         restarts_recorder: restarts(Actor::Recorder).into(),
-        restarts_server: restarts(Actor::Listener).saturating_add(closed(Closed::Broke)).into(),
+        restarts_server: [restarts(Actor::Listener), restarts(Actor::LegacyListener), closed(Closed::Broke)]
+            .into_iter()
+            .fold(0, u32::saturating_add)
+            .into(),
         links_refused: of_the_peer.into_iter().map(closed).fold(0, u32::saturating_add).into(),
         solving,
     }

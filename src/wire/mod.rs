@@ -6,6 +6,8 @@
 //! (`body!`), and its [`Table`] comes out of that same declaration; checks, JSON and everything in `proto/` are made from
 //! the table, so that none of them can drift apart.
 //!
+//! [`legacy`] has the structs of the dialect that flew, which are a wire of their own.
+//!
 //! Pure: bytes in, messages out. Uses `settings`, `sky`, `image`, `solve`, `command` and serde, postcard, bytes and crc.
 
 mod code;
@@ -17,6 +19,7 @@ mod hello;
 mod image_part;
 mod json;
 mod layout;
+pub mod legacy;
 mod message;
 mod refuse;
 mod status;

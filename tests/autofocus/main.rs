@@ -46,7 +46,12 @@ fn from_300_counts_off_the_best_focus_is_found_in_20_of_20_runs() {
             let best = ended.finding.best;
             println!(
                 "{period_s} s, seed {seed}: {:?} off {:.1}, {:.0} s, {} images, {} moves, {best:?} {:?}",
-                ended.finding.ending, ended.off, ended.time_s, ended.images, world.lens.orders.len(), ended.finding.confirmed
+                ended.finding.ending,
+                ended.off,
+                ended.time_s,
+                ended.images,
+                world.lens.orders.len(),
+                ended.finding.confirmed
             );
             within += i32::from(ended.off.abs() <= 10.0 && ended.finding.ending == Ending::Found);
             let told = best.map_or(0.0, |b| (b.counts.value - world.best_at(100.0 + ended.time_s)) / b.counts.sigma);

@@ -84,7 +84,8 @@ impl Numbers {
             position: exposure.position,
             brightest: Some(metric(brightest)),
             stars: if solved { stars } else { Vec::new() },
-            width_px: (exposure.disc_px < 14.0).then(|| Metric { value: width * (1.0 + 0.03 * self.normal()), sigma: 0.05 * width }),
+            width_px: (exposure.disc_px < 14.0)
+                .then(|| Metric { value: width * (1.0 + 0.03 * self.normal()), sigma: 0.05 * width }),
             temperature_c: Some(-20.0),
         }
     }

@@ -205,7 +205,8 @@ impl Problem<'_> {
     fn evaluate(&self, shape: &Shape) -> Evaluation {
         let prior = self.prior;
         let off = [0.0, shape.ln_width - prior.width.ln(), shape.drift, shape.floor];
-        let weights = [0.0, LN_WIDTH_SIGMA, prior.drift_sigma, self.floor_sigma].map(|s| if s > 0.0 { 1.0 / (s * s) } else { 0.0 });
+        let weights =
+            [0.0, LN_WIDTH_SIGMA, prior.drift_sigma, self.floor_sigma].map(|s| if s > 0.0 { 1.0 / (s * s) } else { 0.0 });
         let mut out = Evaluation {
             loss: off.iter().zip(weights).map(|(o, w)| w * o * o).sum(),
             chi2: 0.0,

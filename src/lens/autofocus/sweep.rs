@@ -241,7 +241,9 @@ impl Sweep {
     fn judge(&self) -> Verdict {
         match judge(&self.samples, &self.visited, self.width) {
             // Where the pass ended before the range did, this is no edge of it.
-            Verdict::Edge(Side::High) if self.visited.last().is_none_or(|last| *last < self.range.1 - self.step) => Verdict::NoPeak,
+            Verdict::Edge(Side::High) if self.visited.last().is_none_or(|last| *last < self.range.1 - self.step) => {
+                Verdict::NoPeak
+            }
             verdict => verdict,
         }
     }
