@@ -1,6 +1,7 @@
 //! What the legacy guard lets through and what not, case by case, and with many faults strewn among true commands.
 
 use super::*;
+use crate::wire::legacy as wire;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::collections::VecDeque;
@@ -23,10 +24,10 @@ struct World {
 impl World {
     /// Connected, with counters that stand anywhere, and the first block sent.
     fn new() -> Self {
-        let entry = |index: usize| Entry {
-            countdown: 0,
-            counter: 10 * index as i32 + 7,
-            values: Values([index as f64 + 1.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        let entry = |index: usize| {
+            let mut entry = Entry { countdown: 0, counter: 10 * index as i32 + 7, values: Values::default() };
+            entry.values.0[..FLOWN[index].values].fill(1.0);
+            entry
         };
         let mut world = Self { guard: LegacyGuard::default(), now: Duration::from_secs(5), block: std::array::from_fn(entry) };
         assert_eq!(world.send(), [], "the first block runs nothing");
@@ -36,7 +37,9 @@ impl World {
     /// The ground gives a command.
     fn give(&mut self, index: usize, value: f64) {
         let entry = &mut self.block[index];
-        entry.values.0[0] = value;
+        if FLOWN[index].values > 0 {
+            entry.values.0[0] = value;
+        }
         entry.countdown = 1500;
         entry.counter = entry.counter.wrapping_add(1);
     }
@@ -309,7 +312,11 @@ fn spoil(kind: u32, block: &mut Block, earlier: &[Block], rng: &mut ChaCha8Rng) 
         4 => (other.counter, other.countdown) = (other.counter + 1, rng.random_range(LONGEST_COUNTDOWN + 1..=u32::MAX)),
         5 => (other.counter, other.countdown) = (other.counter + rng.random_range(2..=1000), rng.random_range(1..=1500)),
         6 => (other.counter, other.countdown) = (other.counter - rng.random_range(1..=1000), rng.random_range(1..=1500)),
-        7 => other.values.0[0] = f64::from_bits(rng.random()),
+        7 => {
+            // `set_focus` to `set_autofocus_range`: the first two have a value of four bytes.
+            let entry = &mut block[SET_FOCUS + place % 2];
+            entry.values.0[0] += f64::from(rng.random_range(1..1000));
+        }
         // Never confirmed: it comes again with the same countdown, or the next block has the counter of before.
         8 => (other.counter, other.countdown) = (other.counter + 1, rng.random_range(1..=1500)),
         // A block of before.
@@ -321,6 +328,15 @@ fn spoil(kind: u32, block: &mut Block, earlier: &[Block], rng: &mut ChaCha8Rng) 
 const FAULTS: u32 = 10;
 /// Blocks of before that may come again.
 const EARLIER: usize = 16;
+
+/// A block as it arrives: as bytes, in the struct that flew.
+fn over_the_wire(block: &Block) -> Block {
+    let sent =
+        wire::Block { in_charge: true, counter_fcp: -1, observer: None, horizontal: None, equatorial: None, commands: *block };
+    let received = wire::Block::unpack(&sent.pack()).unwrap().commands;
+    assert_eq!(received, *block);
+    received
+}
 
 /// `STARS_BLOCKS`: how many blocks are spoilt; a hundredth as many commands are true.
 #[test]
@@ -335,13 +351,14 @@ fn of_many_spoilt_blocks_none_runs_and_each_true_command_among_them_runs_once() 
         assert_eq!(runs(findings), wanted.into_iter().collect::<Vec<_>>());
         refused += reasons(findings).len() as u64;
     };
-    while blocks < spoilt {
+    while blocks < spoilt || given < spoilt / 100 {
         // Faults, each followed by the truth so that it does not last.
         for _ in 0..50 {
             let kind = rng.random_range(0..FAULTS);
             let mut changed = world.block;
             spoil(kind, &mut changed, earlier.make_contiguous(), &mut rng);
             world.now += PERIOD;
+            let changed = over_the_wire(&changed);
             check(&world.guard.on(world.now, &changed), None);
             // The same once more, word for word, as a link that repeats would.
             world.now += PERIOD;
@@ -351,7 +368,7 @@ fn of_many_spoilt_blocks_none_runs_and_each_true_command_among_them_runs_once() 
         }
         // A true command, with a fault before it, or between the two blocks that it takes.
         let index = rng.random_range(0..COMMANDS);
-        world.give(index, f64::from(given));
+        world.give(index, f64::from(given % 200));
         given += 1;
         check(&world.send(), None);
         if rng.random_bool(0.5) {
@@ -361,6 +378,7 @@ fn of_many_spoilt_blocks_none_runs_and_each_true_command_among_them_runs_once() 
             blocks += 1;
             check(&world.send(), None);
         }
+        world.block = over_the_wire(&world.block);
         let confirmed = world.send();
         check(&confirmed, Some((index, world.block[index].counter)));
         earlier.push_back(world.block);

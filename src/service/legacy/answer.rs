@@ -1,12 +1,10 @@
 //! From the state to what one flight computer of old is told.
 
-use super::super::state::State;
+use super::super::state::{Finished, State};
 use super::super::update::{camera, housekeeping};
 use crate::wire::legacy::{ANSWER_BYTES, Answer};
 use std::sync::Arc;
 use std::time::Duration;
-
-use super::super::state::Finished;
 
 /// What one connection was told. Numbers that were told once stay until there are others, as they did in the program that flew.
 #[derive(Debug, Default)]

@@ -19,7 +19,7 @@ pub struct Picture {
 
 impl Picture {
     /// A place in file order as one to the right of and up from the centre, px.
-    fn from_centre(&self, x: f64, y: f64) -> (f64, f64) {
+    fn centred(&self, x: f64, y: f64) -> (f64, f64) {
         let right = x - (self.width as f64 - 1.0) / 2.0;
         let along = y - (self.height as f64 - 1.0) / 2.0;
         (right, if self.rows == RowOrder::BottomFirst { along } else { -along })
@@ -88,7 +88,7 @@ impl Answer {
         let Some(picture) = picture else { return };
         self.blobs_ctr_stars = signed(outcome.stamp.image.0);
         let blob = |source: &crate::solve::SourceReport| {
-            let (x, y) = picture.from_centre(source.x, source.y);
+            let (x, y) = picture.centred(source.x, source.y);
             Blob { x, y, flux: source.flux, peak_to_flux: if source.flux > 0.0 { source.peak / source.flux } else { 0.0 } }
         };
         self.blobs = outcome.sources.iter().take(super::MAX_BLOBS).map(blob).collect();
@@ -224,7 +224,7 @@ mod tests {
             CameraModel { width: 1536, height: 1024, platescale: 9.44 * ARCSEC, k1: 0.0, rows: PICTURE.rows, mirrored: false };
         let (solution, pixel) = (solution(), (1200.0, 700.0));
         let star = solution.attitude.to_sky(&camera.to_direction(pixel.0, pixel.1));
-        let wanted = PICTURE.from_centre(pixel.0, pixel.1);
+        let wanted = PICTURE.centred(pixel.0, pixel.1);
         let close = |got: (f64, f64)| assert!((got.0 - wanted.0).hypot(got.1 - wanted.1) < 1e-6, "{got:?} {wanted:?}");
         let v = &variables;
         close(flown_projection(
@@ -267,7 +267,7 @@ mod tests {
     fn sources_are_placed_from_the_centre_right_and_up_whichever_row_is_first() {
         let blobs = answer(&outcome(Reason::NoMatch), true).blobs;
         assert_eq!(blobs[1], Blob { x: 300.0, y: 10.0, flux: 3e4, peak_to_flux: 0.02 });
-        assert_eq!(Picture { rows: RowOrder::TopFirst, ..PICTURE }.from_centre(767.5, 521.5), (0.0, -10.0));
+        assert_eq!(Picture { rows: RowOrder::TopFirst, ..PICTURE }.centred(767.5, 521.5), (0.0, -10.0));
     }
 
     #[test]
