@@ -11,11 +11,13 @@ mod sessions;
 #[path = "../service/support.rs"]
 mod support;
 
-use stars::settings::Settings;
+use stars::settings::{LensKind, Settings};
 
 /// The settings of the service's tests, with the legacy port open to two addresses of this machine.
 fn settings() -> Settings {
     let mut settings = support::settings();
+    // Its port is a real one, and does not know of time that is paused.
+    settings.lens.kind = LensKind::None;
     settings.commands.ledger_directory = String::new();
     settings.legacy.enabled = true;
     settings.legacy.listen = "127.0.0.1:0".to_owned();
