@@ -169,13 +169,13 @@ fn what_is_not_confirmed_does_not_run() {
     assert_eq!(runs(&world.send()), [], "once refused it was refused for good");
     // A countdown that stands still, grows, is dead, or was never alive, or longer than there is.
     for (countdowns, why) in [
-        ([1449, 1449], Refusal::Replayed),
-        ([1449, 1500], Refusal::Replayed),
-        ([30, 0], Refusal::Stale),
-        ([0, 0], Refusal::Stale),
-        ([0, 1400], Refusal::Stale),
-        ([2001, 1950], Refusal::Dialect),
-        ([u32::MAX, u32::MAX - 51], Refusal::Dialect),
+        ([1449, 1449, 1398], Refusal::Replayed),
+        ([1449, 1500, 1449], Refusal::Replayed),
+        ([60, 0, 0], Refusal::Stale),
+        ([0, 0, 0], Refusal::Stale),
+        ([0, 1400, 1349], Refusal::Stale),
+        ([2001, 1950, 1899], Refusal::Dialect),
+        ([u32::MAX, u32::MAX - 51, u32::MAX - 102], Refusal::Dialect),
     ] {
         let mut world = World::new();
         let mut found = Vec::new();
