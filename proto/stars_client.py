@@ -60,7 +60,7 @@ CODES = {
     ],
     "mode": ["normal", "robust"],
     "last_end": ["clean", "commanded", "crashed", "computer_restarted"],
-    "actor": ["camera", "lens", "solver", "hub", "recorder", "ledger", "listener", "session", "housekeeping"],
+    "actor": ["camera", "lens", "solver", "hub", "recorder", "ledger", "listener", "session", "housekeeping", "legacy_listener"],
 }
 
 # One field a line: its name and what it is, as a letter of `struct` (`96s` is text, `3x3d` an array, `B=list` a code of

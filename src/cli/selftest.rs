@@ -246,12 +246,17 @@ fn list(settings: &Settings) -> String {
     if name.is_empty() { "none listed".to_owned() } else { format!("{name} is read") }
 }
 
-/// Whether the address can be listened on.
+/// Whether the addresses can be listened on, both at once.
 fn network(settings: &Settings) -> Result<String, String> {
-    let address = &settings.network.listen;
-    let bound = TcpListener::bind(address).map_err(|error| format!("network.listen = \"{address}\": {error}"))?;
-    let found = bound.local_addr().map_err(|error| error.to_string())?;
-    Ok(format!("{found} can be listened on"))
+    let legacy = settings.legacy.enabled.then_some(("legacy.listen", &settings.legacy.listen));
+    let bind = |(setting, address): (&str, &String)| {
+        let bound = TcpListener::bind(address).map_err(|error| format!("{setting} = \"{address}\": {error}"))?;
+        let found = bound.local_addr().map_err(|error| error.to_string())?;
+        Ok((bound, format!("{found} can be listened on")))
+    };
+    let addresses = [("network.listen", &settings.network.listen)].into_iter().chain(legacy);
+    let bound = addresses.map(bind).collect::<Result<Vec<_>, String>>()?;
+    Ok(bound.into_iter().map(|(_, words)| words).collect::<Vec<_>>().join(", "))
 }
 
 /// Whether the disk takes a file.

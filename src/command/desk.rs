@@ -129,6 +129,18 @@ impl Desk {
         self.reply(now, &order, stage, why, detail);
     }
 
+    /// What a command means that comes in a dialect without a word for arming: one that must be armed arms itself, and fires when
+    /// it comes again with the same values while it is armed.
+    pub fn act(&self, now: Tick, from: FlightComputer, command: &Command, focus: Focus) -> Act {
+        let hazardous = command.definition().is_ok_and(|definition| is_hazardous(definition.hazard, command, focus));
+        let armed = self.armed(now).is_some_and(|(who, what, _)| (who, what) == (from, *command));
+        match (hazardous, armed) {
+            (false, _) => Act::Run,
+            (true, false) => Act::Arm,
+            (true, true) => Act::Fire,
+        }
+    }
+
     /// Whoever commands from now on, nothing is armed.
     pub fn disarm(&mut self) {
         self.armed = None;

@@ -262,12 +262,30 @@ fn judge(boot: &mut Boot, sender: &Sender, now: &Situation, slot: &Slot, checks:
     if checks.has(Check::Delay) && !(age_s + delay_s <= now.window_s) {
         return refused(Refusal::Stale, format!("given {age_s:.1} s ago and up to {delay_s:.1} s on the way"));
     }
-    match Command::from_wire(code, &values) {
-        Ok(command) => Some(Verdict::Run(Order { from: sender.computer, counter, act, command })),
-        Err(error @ (CommandError::UnknownCode(_) | CommandError::UnknownName { .. })) => {
-            refused(Refusal::UnknownCommand, error.to_string())
+    Some(read(sender, code, act, counter, &values))
+}
+
+/// The last check: it is a command, and its values are in range.
+fn read(sender: &Sender, code: u8, act: Act, counter: u32, values: &[f64; MAX_VALUES]) -> Verdict {
+    match Command::from_wire(code, values) {
+        Ok(command) => Verdict::Run(Order { from: sender.computer, counter, act, command }),
+        Err(error) => {
+            let unknown = matches!(error, CommandError::UnknownCode(_) | CommandError::UnknownName { .. });
+            let why = if unknown { Refusal::UnknownCommand } else { Refusal::OutOfRange };
+            Verdict::Refused { code, counter, why, detail: error.to_string() }
         }
-        Err(error) => refused(Refusal::OutOfRange, error.to_string()),
+    }
+}
+
+/// The verdict on a command that the guard of another dialect found to be new and young enough: checks 1, 6 and 8.
+pub fn admit(sender: &Sender, situation: &Situation, code: u8, counter: u32, values: &[f64; MAX_VALUES]) -> Verdict {
+    let refused = |why, detail: String| Verdict::Refused { code, counter, why, detail };
+    if sender.authenticity == Authenticity::Failed {
+        return refused(Refusal::NotAuthentic, "its dialect has no word for a key".to_owned());
+    }
+    match may_command(sender, situation, Checks::default()) {
+        Err((why, detail)) => refused(why, detail),
+        Ok(()) => read(sender, code, Act::Run, counter, values),
     }
 }
 

@@ -3,6 +3,8 @@
 //! A command block goes through here in this order: [`InCharge`] says who holds the lease, [`Guard`] which commands of the block
 //! are true ones, [`Desk`] hands them out and keeps the replies; [`Definition`] says what commands there are.
 //!
+//! [`legacy`] has the guard of the dialect that flew, in the place of [`Guard`].
+//!
 //! Plain state machines, to which time comes with each event. Uses the settings, which some commands change.
 
 mod apply;
@@ -12,6 +14,7 @@ mod desk;
 mod dictionary;
 mod guard;
 mod in_charge;
+pub mod legacy;
 #[cfg(test)]
 mod model;
 mod reply;
@@ -23,7 +26,7 @@ pub use apply::{apply, assignments};
 pub use authentic::{KEY_BYTES, Key, KeyError, TAG_BYTES};
 pub use desk::{ARMED, CommandCounts, Desk, Focus, OrderNumber, Step, UNDER_WAY};
 pub use dictionary::{Command, CommandError, Definition, Hazard, MAX_VALUES};
-pub use guard::{Act, Authenticity, Guard, Memory, Order, Sender, Situation, Slot, Verdict};
+pub use guard::{Act, Authenticity, Guard, Memory, Order, Sender, Situation, Slot, Verdict, admit};
 pub use in_charge::{BootId, Decision, Epoch, Event, FlightComputer, InCharge, LASTING, LEASE, Lease, Tick, UNREST};
 pub use reply::{REPLIES, Refusal, Replies, Reply, Stage};
 pub use value::{Parameter, Shape, ShowFocus, Value};

@@ -18,7 +18,7 @@ use crate::image::ImageCounter;
 use crate::lens::{LensResult, LensState, RequestCounter, autofocus};
 use crate::settings::Settings;
 use crate::solve::Reason;
-use crate::wire::{Commands, Status};
+use crate::wire::{Commands, Status, legacy};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
@@ -75,6 +75,24 @@ pub enum ToHub {
         delay: Duration,
         /// Whether it shows the key.
         authenticity: Authenticity,
+    },
+    /// A flight computer that speaks the legacy dialect connected.
+    LegacyConnected {
+        /// Who.
+        computer: FlightComputer,
+        /// The number of the connection.
+        connection: u64,
+    },
+    /// It sent a block.
+    LegacyBlock {
+        /// Who.
+        computer: FlightComputer,
+        /// The number of the connection.
+        connection: u64,
+        /// What it says.
+        block: Box<legacy::Block>,
+        /// When it came.
+        at: Instant,
     },
     /// The counter of an order is on disk, or could not be brought there.
     Kept {
@@ -225,12 +243,19 @@ impl Hub {
             ToHub::Connected { computer, connection, boot } => self.take_connection(state, computer, connection, boot),
             ToHub::Status { computer, connection, status, at, hears_us } => {
                 if state.is_current(computer, connection) {
-                    self.take_status(state, computer, status, at, hears_us);
+                    let uptime = Duration::try_from_secs_f64(status.uptime_s).ok();
+                    self.take_status(state, computer, status, at, uptime, hears_us);
                 }
             }
             ToHub::Commands { computer, connection, block, delay, authenticity } => {
                 if state.is_current(computer, connection) {
                     self.take_block(state, computer, &block, delay, authenticity);
+                }
+            }
+            ToHub::LegacyConnected { computer, connection } => self.take_legacy_connection(state, computer, connection),
+            ToHub::LegacyBlock { computer, connection, block, at } => {
+                if state.is_current(computer, connection) {
+                    self.take_legacy_block(state, computer, &block, at);
                 }
             }
             ToHub::Kept { number, kept } => self.take_kept(state, number, kept),
@@ -288,7 +313,7 @@ impl Hub {
         }
     }
 
-    fn take_connection(&self, state: &mut State, computer: FlightComputer, connection: u64, boot: BootId) {
+    pub(super) fn take_connection(&self, state: &mut State, computer: FlightComputer, connection: u64, boot: BootId) {
         if state.has_replaced(computer, connection) {
             return; // It was overtaken by a later connection of the same computer, and will see that itself.
         }
@@ -299,11 +324,19 @@ impl Hub {
         self.arbitrate(state, Event::Connected { computer, boot }, now);
     }
 
-    fn take_status(&self, state: &mut State, computer: FlightComputer, status: Box<Status>, at: Instant, hears_us: bool) {
+    /// What a computer says of itself; `uptime`: where it says how long it has been running.
+    pub(super) fn take_status(
+        &self,
+        state: &mut State,
+        computer: FlightComputer,
+        status: Box<Status>,
+        at: Instant,
+        uptime: Option<Duration>,
+        hears_us: bool,
+    ) {
         let Some(peer) = state.peers.iter_mut().find(|peer| peer.computer == computer) else { return };
         state.heard = at;
         let claims = status.claims_charge;
-        let uptime = Duration::try_from_secs_f64(status.uptime_s).ok();
         let observer = status.observer();
         peer.status = Some((Arc::from(status), at));
         self.arbitrate(state, Event::Status { from: computer, claims, uptime, hears_us }, Instant::now());
@@ -343,7 +376,7 @@ impl Hub {
     }
 
     /// Takes the next step of an order.
-    fn follow(&self, state: &mut State, now: Tick, step: Option<Step>) {
+    pub(super) fn follow(&self, state: &mut State, now: Tick, step: Option<Step>) {
         match step {
             None => {}
             Some(Step::Do(number, command)) => self.carry_out(state, now, number, command),

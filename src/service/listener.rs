@@ -16,7 +16,7 @@ use tokio_util::task::TaskTracker;
 use tracing::Instrument;
 
 /// Pauses after an error of `accept`, such as too many open files: from the first to the longest.
-const PAUSES: (Duration, Duration) = (Duration::from_millis(10), Duration::from_secs(1));
+pub const PAUSES: (Duration, Duration) = (Duration::from_millis(10), Duration::from_secs(1));
 /// Bytes that may wait in the kernel for a peer that does not read: a handful of updates, as older ones are of no use.
 const SEND_BUFFER: usize = 32 * 1024;
 /// A stranger that is to give way does so at once; the longest that other connections may wait for that.
@@ -54,7 +54,7 @@ impl Listener {
             match accepted {
                 Ok((stream, address)) => {
                     pause = PAUSES.0;
-                    if let Err(error) = self.tune(&stream) {
+                    if let Err(error) = tune(&stream, self.shared.settings.network.silence_s) {
                         tracing::warn!(%address, %error, "socket options");
                     }
                     self.take(stream, address).await;
@@ -107,16 +107,16 @@ impl Listener {
         }
         tokio::time::timeout(GIVES_WAY_WITHIN, Arc::clone(&self.places).acquire_owned()).await.ok()?.ok()
     }
+}
 
-    /// Small writes go at once, a dead link is noticed, and old updates do not pile up.
-    fn tune(&self, stream: &TcpStream) -> io::Result<()> {
-        stream.set_nodelay(true)?;
-        let socket = SockRef::from(stream);
-        let (first, then, lost_after) = KEEPALIVE;
-        socket.set_tcp_keepalive(&TcpKeepalive::new().with_time(first).with_interval(then).with_retries(lost_after))?;
-        socket.set_send_buffer_size(SEND_BUFFER)?;
-        #[cfg(target_os = "linux")]
-        socket.set_tcp_user_timeout(Some(Duration::from_secs_f64(self.shared.settings.network.silence_s)))?;
-        Ok(())
-    }
+/// Small writes go at once, a dead link is noticed, and old updates do not pile up.
+pub fn tune(stream: &TcpStream, silence_s: f64) -> io::Result<()> {
+    stream.set_nodelay(true)?;
+    let socket = SockRef::from(stream);
+    let (first, then, lost_after) = KEEPALIVE;
+    socket.set_tcp_keepalive(&TcpKeepalive::new().with_time(first).with_interval(then).with_retries(lost_after))?;
+    socket.set_send_buffer_size(SEND_BUFFER)?;
+    #[cfg(target_os = "linux")]
+    socket.set_tcp_user_timeout(Some(Duration::from_secs_f64(silence_s)))?;
+    Ok(())
 }

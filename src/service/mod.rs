@@ -12,13 +12,14 @@
 //! | lens → hub | what is known of it, answers | the same | as above |
 //! | housekeeping → hub | what was measured last | the same | as above |
 //! | hub → lens | requests | 32 | refused as busy; the lens always takes: beyond 16 that wait it refuses by itself |
+//! | legacy session → hub | connections, blocks | the same | as for sessions |
 //! | recorder, supervisor → hub | what was kept, lost, started again | the same | as above; the supervisor drops the count |
 //! | hub → camera | requests for its gain | 4 | the command fails as `busy` |
 //! | hub → ledger | counters of commands | 32 | the command fails as `not_kept` |
 //! | ledger, programs → hub | what was kept, what came of it | 64, shared | the sender waits |
 //! | hub → recorder | outcomes | 64 | counted as lost; the recorder always takes: beyond `record.queue_frames` the oldest is lost and counted |
 //! | hub → everybody | [`State`] | the newest | replaced |
-//! | session → TCP | updates | 32 KiB of the kernel | the session waits up to `network.silence_s`, skipping its ticks, then closes |
+//! | session, legacy session → TCP | updates, answers | 32 KiB of the kernel | the session waits up to `network.silence_s`, skipping its ticks, then closes |
 //!
 //! No channel leads in a circle of waiting: the hub never waits for a send. [`Running::stop`] ends the edges first, then the
 //! solver, the hub and the recorder, so that the last outcome still reaches the disk.
@@ -35,6 +36,7 @@ mod inbox;
 mod index;
 mod keys;
 mod ledger;
+mod legacy;
 mod lens;
 mod listener;
 mod orders;
@@ -72,6 +74,7 @@ use focus::Focus;
 use housekeeping::Housekeeper;
 use hub::Hub;
 use ledger::{Ledger, LedgerActor};
+use legacy::LegacyListener;
 use lens::LensActor;
 use listener::Listener;
 use recorder::Recorder;
@@ -117,6 +120,14 @@ pub enum StartError {
         /// Why not.
         error: std::io::Error,
     },
+    /// The address for the legacy dialect cannot be had.
+    #[error("legacy.listen = \"{address}\": {error}")]
+    LegacyListen {
+        /// The address of the settings.
+        address: String,
+        /// Why not.
+        error: std::io::Error,
+    },
     /// A part cannot be had.
     #[error(transparent)]
     Parts(#[from] PartsError),
@@ -156,6 +167,8 @@ impl Stage {
 pub struct Running {
     /// The address that flight computers connect to.
     pub address: SocketAddr,
+    /// The address that those which speak the legacy dialect connect to, where it is spoken.
+    pub legacy_address: Option<SocketAddr>,
     /// What is true now.
     pub state: watch::Receiver<Arc<State>>,
     /// The service's clock.
@@ -167,6 +180,7 @@ pub struct Running {
     listener: Listener,
     /// Where it is noted how this run ends; `None` where nothing is kept.
     runs: Option<Runs>,
+    legacy: Option<LegacyListener>,
     /// In the order in which they are to end.
     stages: [(&'static str, Stage); 4],
 }
@@ -175,6 +189,13 @@ impl Running {
     /// Serves a stream as if it had come from `address` through the socket: for simulated flight computers in this process.
     pub async fn serve<S: AsyncRead + AsyncWrite + Send + 'static>(&self, stream: S, address: SocketAddr) {
         self.listener.take(stream, address).await;
+    }
+
+    /// The same for the port of the legacy dialect; where that is not spoken the stream is dropped.
+    pub async fn serve_legacy<S: AsyncRead + AsyncWrite + Send + 'static>(&self, stream: S, address: SocketAddr) {
+        if let Some(legacy) = &self.legacy {
+            legacy.take(stream, address).await;
+        }
     }
 
     /// Ends the service within 2 s: no further frame, the current one aborted, the last outcome kept. Names what did not end
@@ -228,6 +249,8 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
     };
     let address = socket.local_addr().map_err(|error| StartError::Listen { address: settings.network.listen.clone(), error })?;
     let allowed = addresses(&settings.network.peers)?;
+    let legacy = legacy::bind(&settings.legacy)
+        .map_err(|error| StartError::LegacyListen { address: settings.legacy.listen.clone(), error })?;
     let clock = Clock::start();
     let simulated = Simulated::of(&settings);
     let keys = Keys::read(&settings.commands).map_err(StartError::Key)?;
@@ -303,16 +326,21 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
         strangers: Strangers::default(),
         stop: edges.stop.clone(),
     });
+    let next = Arc::new(AtomicU64::new(1));
+    let legacy = legacy.map(|socket| LegacyListener::new(socket, next.clone(), shared.clone(), edges.tracker.clone()));
     let listener = Listener {
         socket: Arc::new(socket),
         allowed,
         places: Arc::new(Semaphore::new(settings.network.max_connections as usize)),
-        next: Arc::new(AtomicU64::new(1)),
+        next,
         shared,
         tracker: edges.tracker.clone(),
     };
     let door = listener.clone();
     watchman.keep(&edges, Actor::Listener, move || door.clone().run());
+    if let Some(door) = legacy.clone() {
+        watchman.keep(&edges, Actor::LegacyListener, move || door.clone().run());
+    }
     let housekeeper = Housekeeper {
         make: {
             let (settings, stop) = (Arc::clone(&settings), edges.stop.clone());
@@ -339,7 +367,8 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
         watchman.keep(&edges, Actor::Camera, move || camera.clone().run());
     }
     let stages = [("camera or connections", edges), ("solver", solving), ("hub", owning), ("recorder", keeping)];
-    Ok(Running { address, state, clock, lens: to_lens, simulated_lens: lens, listener, runs, stages })
+    let legacy_address = legacy.as_ref().and_then(LegacyListener::address);
+    Ok(Running { address, legacy_address, state, clock, lens: to_lens, simulated_lens: lens, listener, legacy, runs, stages })
 }
 
 /// The ledger of counters, and what it remembers; none where the settings name no directory.

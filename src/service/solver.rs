@@ -11,6 +11,7 @@ use super::supervisor::{Ended, panic_message};
 use crate::image::Frame;
 use crate::settings::Settings;
 use crate::solve::{Outcome, Prior, Reason, Report, Stop, Tracker, Watch};
+use crate::wire::legacy::Picture;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
@@ -203,7 +204,8 @@ fn work(
     let finished = captured.map(|Captured { frame, at, prior }| match &mut solver {
         Ok(solver) => {
             let outcome = solver.solve(&frame, &prior, watch);
-            Finished { report: solver.report(&outcome), outcome, captured: at }
+            let picture = Picture { width: frame.width, height: frame.height, rows: frame.rows };
+            Finished { report: solver.report(&outcome), outcome, captured: at, picture: Some(picture) }
         }
         Err(why) => Finished::without_stars(Outcome::unsolved(frame.stamp.clone(), Reason::Failed, why.clone()), at),
     });

@@ -3,6 +3,7 @@
 use super::housekeeping::{self, Measurements};
 use super::runs::Run;
 use super::session::Closed;
+use crate::command::legacy::LegacyGuard;
 use crate::command::{BootId, Desk, FlightComputer, Focus, Guard, InCharge, Lease, Tick};
 use crate::image::{ImageCounter, TriggerCounter};
 use crate::lens::autofocus::{Autofocus, AutofocusRules, AutofocusStatus};
@@ -12,6 +13,7 @@ use crate::sky::Observer;
 use crate::solve::{Outcome, Prior, Report};
 pub use crate::wire::Actor;
 use crate::wire::Status;
+use crate::wire::legacy::Picture;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
@@ -42,6 +44,8 @@ pub struct State {
     pub charge: InCharge,
     /// Which commands have been seen.
     pub guard: Guard,
+    /// The same for each flight computer that speaks the legacy dialect.
+    pub legacy: BTreeMap<FlightComputer, LegacyGuard>,
     /// The orders under way, and what came of the others.
     pub desk: Desk,
     /// Whether the counters of commands survive a restart.
@@ -99,6 +103,8 @@ pub struct Finished {
     pub report: Report,
     /// When the frame was captured.
     pub captured: Instant,
+    /// What the places of its sources refer to, where it was looked at.
+    pub picture: Option<Picture>,
 }
 
 /// Whether frames can be solved.
@@ -191,7 +197,7 @@ impl Simulated {
 impl Finished {
     /// An outcome in which nothing was matched, so that no star needs a name.
     pub fn without_stars(outcome: Outcome, captured: Instant) -> Self {
-        Self { report: Report::without_stars(&outcome), outcome, captured }
+        Self { report: Report::without_stars(&outcome), outcome, captured, picture: None }
     }
 }
 
@@ -210,6 +216,7 @@ impl State {
             peers: Vec::new(),
             charge: InCharge::default(),
             guard,
+            legacy: BTreeMap::new(),
             desk: Desk::default(),
             counters_kept: false,
             settings_hash: settings.fingerprint() as u32,

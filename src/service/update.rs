@@ -94,8 +94,14 @@ fn control(state: &State, shared: &Shared, computer: FlightComputer) -> Control 
     .with_replies(&replies)
 }
 
-fn camera(state: &State) -> Camera {
-    Camera { next_image_counter: state.counters.next_image.0.into(), gain_db: state.camera_gain.into(), ..Camera::default() }
+/// Camera and lens as they are now.
+pub fn camera(state: &State) -> Camera {
+    Camera {
+        next_image_counter: state.counters.next_image.0.into(),
+        gain_db: state.camera_gain.into(),
+        focus_counts: state.focus_known().map(|focus| focus.0).into(),
+        aperture_counts: state.aperture_known().map(|aperture| aperture.0).into(),
+    }
 }
 
 fn counters(counters: &Counters, solving: bool) -> wire::Counters {
@@ -111,7 +117,10 @@ fn counters(counters: &Counters, solving: bool) -> wire::Counters {
         restarts_solver: restarts(Actor::Solver).into(),
         restarts_hub: restarts(Actor::Hub).into(),
         restarts_recorder: restarts(Actor::Recorder).into(),
-        restarts_server: restarts(Actor::Listener).saturating_add(closed(Closed::Broke)).into(),
+        restarts_server: [restarts(Actor::Listener), restarts(Actor::LegacyListener), closed(Closed::Broke)]
+            .into_iter()
+            .fold(0, u32::saturating_add)
+            .into(),
         links_refused: of_the_peer.into_iter().map(closed).fold(0, u32::saturating_add).into(),
         solving,
     }

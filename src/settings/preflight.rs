@@ -73,6 +73,9 @@ fn real_hardware(settings: &Settings) -> Vec<Finding> {
     if is_loopback(&settings.network.listen) {
         find("network.listen", "is a loopback address, which no flight computer reaches: set the flight's own");
     }
+    if settings.legacy.enabled && is_loopback(&settings.legacy.listen) {
+        find("legacy.listen", "is a loopback address, which no flight computer reaches: set the flight's own");
+    }
     findings
 }
 

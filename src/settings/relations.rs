@@ -34,6 +34,7 @@ pub(super) fn check(settings: &Settings, all: &[Setting]) -> Result<(), Settings
         check_order(find(all, low), find(all, high), *may_equal)?;
     }
     check_border(settings, all)?;
+    check_legacy(settings, all)?;
     check_mask(settings, all)
 }
 
@@ -64,6 +65,19 @@ fn check_border(settings: &Settings, all: &[Setting]) -> Result<(), SettingsErro
     }
     let message = format!("'solver.sources.border_px' = {border} must leave something of a frame of {width} × {height} px");
     contradiction(last_word(all, &["solver.sources.border_px", "camera.width_px", "camera.height_px"]), message)
+}
+
+/// Addresses are all that tells flight computers of old apart.
+fn check_legacy(settings: &Settings, all: &[Setting]) -> Result<(), SettingsError> {
+    let legacy = &settings.legacy;
+    let canonical = |text: &String| text.parse().map(|ip: core::net::IpAddr| ip.to_canonical()).ok();
+    let peers: Vec<_> = legacy.peers.iter().map(canonical).collect();
+    let message = match peers.as_slice() {
+        [first, second] if first == second => format!("'legacy.peers' names {} twice", legacy.peers.join(" and ")),
+        [] if legacy.enabled => "'legacy.peers' must name the flight computers where 'legacy.enabled' is true".to_owned(),
+        _ => return Ok(()),
+    };
+    contradiction(last_word(all, &["legacy.enabled", "legacy.peers"]), message)
 }
 
 /// A mask is for one frame and one block size; with others its bits would mean other places.

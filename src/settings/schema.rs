@@ -26,6 +26,8 @@ pub struct Settings {
     pub observer: ObserverSettings,
     /// The connections to the flight computers.
     pub network: NetworkSettings,
+    /// The port for flight programs of old.
+    pub legacy: LegacySettings,
     /// What is done with commands.
     pub commands: CommandSettings,
     /// The page for browsers.
@@ -434,6 +436,18 @@ pub struct NetworkSettings {
     pub silence_s: f64,
     /// Connections held at a time.
     pub max_connections: u32,
+}
+
+/// Section `[legacy]`: the dialect of the program that flew, protocol version 3.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LegacySettings {
+    /// Speak it.
+    pub enabled: bool,
+    /// Address and port that flight computers which speak it connect to.
+    pub listen: String,
+    /// Addresses of the flight computers: the first is number 1, the second number 2. Nobody else is taken.
+    pub peers: Vec<String>,
 }
 
 /// Section `[commands]`.

@@ -289,6 +289,16 @@ fn settings_that_contradict_each_other_are_refused_where_the_last_word_was_spoke
             "solver.mask.block_px=64",
             "--set #1: 'solver.mask.fields' must have 12 words for 24 × 16 blocks of 64 px, or none, not 3",
         ),
+        (
+            "[legacy]\nenabled = true",
+            "legacy.peers=[]",
+            "--set #1: 'legacy.peers' must name the flight computers where 'legacy.enabled' is true",
+        ),
+        (
+            "legacy.peers = ['10.0.0.3', '::ffff:10.0.0.3']",
+            "camera.name=x",
+            "custom.toml:1: 'legacy.peers' names 10.0.0.3 and ::ffff:10.0.0.3 twice",
+        ),
     ] {
         let error = Layers::embedded().custom("custom.toml", text).set(assignment).load().unwrap_err();
         assert_eq!(error.to_string(), wanted);
@@ -343,6 +353,7 @@ fn the_review_sees_through_every_way_to_write_loopback_or_none() {
         ("network.listen=[::ffff:127.0.0.1]:2017", false),
         ("network.listen=0.0.0.0:2017", true),
         ("network.listen=[fd00::2]:2017", true),
+        ("legacy.enabled=true", false),
         ("camera.kind=none", false),
         ("camera.kind=aravis", false),
         ("lens.kind=none", false),

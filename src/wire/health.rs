@@ -19,6 +19,7 @@ pub enum Actor {
     Listener,
     Session,
     Housekeeping,
+    LegacyListener,
 }
 
 codes!(Actor {
@@ -31,6 +32,7 @@ codes!(Actor {
     7 Listener "listener",
     8 Session "session",
     9 Housekeeping "housekeeping",
+    10 LegacyListener "legacy_listener",
 });
 
 /// How the last run of the service ended.

@@ -6,7 +6,9 @@
 //! (`body!`), and its [`Table`] comes out of that same declaration; checks, JSON and everything in `proto/` are made from
 //! the table, so that none of them can drift apart.
 //!
-//! Pure: bytes in, messages out. Uses `settings`, `sky`, `image`, `solve`, `command`, `lens` and serde, postcard, bytes and crc.
+//! [`legacy`] has the structs of the dialect that flew, which are a wire of their own.
+//!
+//! Pure: bytes in, messages out. Uses `settings`, `sky`, `image`, `solve`, `command` and serde, postcard, bytes and crc.
 
 mod code;
 mod commands;
@@ -19,6 +21,7 @@ mod image_part;
 mod instrument;
 mod json;
 mod layout;
+pub mod legacy;
 mod message;
 mod refuse;
 mod status;

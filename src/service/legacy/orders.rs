@@ -1,0 +1,80 @@
+//! What the hub does with a block of the legacy dialect: its claim, its commands, and the rest of what it says.
+
+use super::super::hub::Hub;
+use super::super::state::State;
+use crate::command::legacy::{FLOWN, Finding, Meaning, Values, meanings};
+use crate::command::{Authenticity, BootId, FlightComputer, Refusal, Sender, Situation, Tick, Verdict, admit};
+use crate::wire::legacy::Block;
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// The dialect has no number of a boot.
+const NO_BOOT: BootId = BootId(0);
+
+impl Hub {
+    /// A flight computer of old connected.
+    pub(in super::super) fn take_legacy_connection(&self, state: &mut State, computer: FlightComputer, connection: u64) {
+        self.take_connection(state, computer, connection, NO_BOOT);
+        if state.is_current(computer, connection) {
+            state.legacy.entry(computer).or_default().connected();
+        }
+    }
+
+    /// A block: what it says of itself goes where a status goes, and the guard of the dialect judges its commands.
+    pub(in super::super) fn take_legacy_block(&self, state: &mut State, computer: FlightComputer, block: &Block, at: Instant) {
+        // It can't say what it hears: it is believed to hear.
+        self.take_status(state, computer, Box::new(block.status()), at, None, true);
+        let now = self.clock.tick(at);
+        let sender = Sender {
+            computer,
+            boot: NO_BOOT,
+            block_boot: NO_BOOT,
+            under: None,
+            delay: Duration::ZERO,
+            authenticity: if state.settings.commands.require_authentication {
+                Authenticity::Failed
+            } else {
+                Authenticity::NotRequired
+            },
+        };
+        for finding in state.legacy.entry(computer).or_default().on(now, &block.commands) {
+            let verdicts = match finding {
+                Finding::True { index, counter, values } => self.read_legacy(state, &sender, index, counter, &values),
+                Finding::Refused { index, counter, why, detail } => {
+                    let code = index.and_then(|index| FLOWN.get(index)).map_or(0, |flown| flown.code);
+                    vec![Verdict::Refused { code, counter: counter.cast_unsigned(), why, detail }]
+                }
+            };
+            verdicts.into_iter().for_each(|verdict| self.take_legacy_verdict(state, now, computer, verdict));
+        }
+    }
+
+    /// A true command as ours: one, or two.
+    fn read_legacy(&self, state: &State, sender: &Sender, index: usize, counter: i32, values: &Values) -> Vec<Verdict> {
+        let situation = Situation {
+            lease: state.in_charge(),
+            ours: BootId(self.clock.boot_id()),
+            window_s: state.settings.commands.window_s,
+        };
+        let counter = counter.cast_unsigned();
+        let verdict = |meaning| match meaning {
+            Meaning::Ours { code, values } => admit(sender, &situation, code, counter, &values),
+            Meaning::Nothing(why) => {
+                let code = FLOWN.get(index).map_or(0, |flown| flown.code);
+                Verdict::Refused { code, counter, why: Refusal::Dialect, detail: why.to_owned() }
+            }
+        };
+        meanings(index, values).into_iter().map(verdict).collect()
+    }
+
+    fn take_legacy_verdict(&self, state: &mut State, now: Tick, computer: FlightComputer, mut verdict: Verdict) {
+        match &mut verdict {
+            Verdict::Run(order) => order.act = state.desk.act(now, computer, &order.command, state.focus()),
+            Verdict::Refused { code, counter, why, detail } => {
+                tracing::debug!(computer = computer.0, code, counter, ?why, detail, "command refused");
+            }
+        }
+        let step = state.desk.take(now, computer, verdict, state.focus());
+        self.follow(state, now, step);
+    }
+}
