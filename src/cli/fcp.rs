@@ -245,11 +245,8 @@ async fn read_stdin(ground: mpsc::Sender<Order>) {
     while let Ok(Some(line)) = lines.next_line().await {
         match line_order(&line) {
             None => {}
-            Some(Ok(order)) => {
-                if ground.send(order).await.is_err() {
-                    return;
-                }
-            }
+            Some(Ok(order)) if ground.send(order).await.is_ok() => {}
+            Some(Ok(_)) => return,
             // Nobody is left to tell where even stderr is closed.
             Some(Err(problem)) => drop(writeln!(stderr(), "stars: stdin: {problem}")),
         }

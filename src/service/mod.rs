@@ -67,7 +67,7 @@ pub use state::{Actor, CameraState, Counters, Ending, Finished, Peer, Readiness,
 
 use crate::command::{Guard, Memory, UNDER_WAY};
 use crate::lens::Rules;
-use crate::settings::{LensSettings, Settings};
+use crate::settings::Settings;
 use crate::wire::{Hello, Role};
 use camera::CameraActor;
 use focus::Focus;
@@ -260,112 +260,53 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
     let (publish, state) = watch::channel(Arc::new(at_start));
     let [edges, solving, owning, keeping] = std::array::from_fn(|_| Stage::default());
     let (to_hub, hub_inbox) = inbox::channel(HUB_INBOX);
-    let (to_solver, solver_inbox) = inbox::channel(SOLVER_INBOX);
-    let (to_recorder, recorder_inbox) = inbox::channel(RECORDER_INBOX);
-    let (to_ledger, ledger_inbox) = inbox::channel(UNDER_WAY);
-    let (to_camera, camera_inbox) = inbox::channel(CAMERA_INBOX);
     let (abort_solver, abort) = watch::channel(0);
     let hub = hub::Handle::new(to_hub);
-    let backoff = Backoff::new(&settings.service);
     let span = if simulated.any() { tracing::info_span!("simulated") } else { Span::none() };
     span.in_scope(|| {
         let Run { number, last_end } = run;
         let (camera, lens) = (settings.camera.kind, settings.lens.kind);
         tracing::info!(%address, ?camera, ?lens, run = number, ?last_end, "serving");
     });
-    let watchman = Watchman { hub: hub.clone(), backoff, span };
+    let watchman = Watchman { hub: hub.clone(), settings: Arc::clone(&settings), state: state.clone(), clock, span };
 
-    if settings.record.enabled {
-        let recorder = Recorder {
-            inbox: recorder_inbox,
-            hub: hub.clone(),
-            file: Path::new(&settings.record.directory).join(recorder::file_name(&clock)),
-            queue: settings.record.queue_frames as usize,
-            backoff,
-            stop: keeping.stop.clone(),
-        };
-        watchman.keep(&keeping, Actor::Recorder, move || recorder.clone().run());
-    }
-    let to_lens = watchman.keep_lens(&edges, &settings.lens, clock, lens.as_ref());
-    let keeps_counters = ledger.is_some();
-    if let Some(ledger) = ledger {
-        let actor = LedgerActor { inbox: ledger_inbox, hub: hub.clone(), ledger, stop: keeping.stop.clone() };
-        watchman.keep(&keeping, Actor::Ledger, move || actor.clone().run());
-    }
+    let recorder = watchman.keep_recorder(&keeping);
+    let ledger = ledger.map(|ledger| watchman.keep_ledger(&keeping, ledger));
+    let to_lens = watchman.keep_lens(&edges, lens.as_ref());
+    let to_solver = watchman.keep_solver(&solving, parts.solver, abort);
+    let camera = parts.camera.map(|make| watchman.keep_camera(&edges, make, to_solver));
+    watchman.keep_housekeeping(&edges);
     let owner = Hub {
-        ledger: keeps_counters.then_some(to_ledger),
-        camera: parts.camera.is_some().then_some(to_camera),
+        inbox: hub_inbox,
+        state: Arc::new(publish),
+        recorder,
+        clock,
+        ledger,
+        camera,
         lens: to_lens.clone(),
         focus: Focus::new(&settings.focus),
         abort_solver,
         initial: Arc::clone(&settings),
         own: hub.clone(),
-        inbox: hub_inbox,
-        state: Arc::new(publish),
-        recorder: settings.record.enabled.then_some(to_recorder),
-        clock,
         stop: owning.stop.clone(),
     };
     watchman.keep(&owning, Actor::Hub, move || owner.clone().run());
-    let solver = SolverActor {
-        inbox: solver_inbox,
-        hub: hub.clone(),
-        make: parts.solver,
-        state: state.clone(),
-        abort,
-        stop: solving.stop.clone(),
-    };
-    watchman.keep(&solving, Actor::Solver, move || solver.clone().run());
     let shared = Arc::new(Shared {
         hello: our_hello(&settings, &clock),
         settings: Arc::clone(&settings),
         clock,
         state: state.clone(),
-        hub: hub.clone(),
+        hub,
         keys,
         strangers: Strangers::default(),
         stop: edges.stop.clone(),
     });
     let next = Arc::new(AtomicU64::new(1));
     let legacy = legacy.map(|socket| LegacyListener::new(socket, next.clone(), shared.clone(), edges.tracker.clone()));
-    let listener = Listener {
-        socket: Arc::new(socket),
-        allowed,
-        places: Arc::new(Semaphore::new(settings.network.max_connections as usize)),
-        next,
-        shared,
-        tracker: edges.tracker.clone(),
-    };
-    let door = listener.clone();
-    watchman.keep(&edges, Actor::Listener, move || door.clone().run());
-    if let Some(door) = legacy.clone() {
-        watchman.keep(&edges, Actor::LegacyListener, move || door.clone().run());
-    }
-    let housekeeper = Housekeeper {
-        make: {
-            let (settings, stop) = (Arc::clone(&settings), edges.stop.clone());
-            Arc::new(move || housekeeping::sensors(&settings, &stop))
-        },
-        period: Duration::from_secs_f64(settings.housekeeping.period_s),
-        hub: hub.clone(),
-        clock,
-        stop: edges.stop.clone(),
-    };
-    watchman.keep(&edges, Actor::Housekeeping, move || housekeeper.clone().run());
-    if let Some(make) = parts.camera {
-        let camera = CameraActor {
-            make,
-            solver: to_solver,
-            hub,
-            inbox: camera_inbox,
-            numbers: Arc::new(AtomicU32::new(0)),
-            state: state.clone(),
-            settings,
-            clock,
-            stop: edges.stop.clone(),
-        };
-        watchman.keep(&edges, Actor::Camera, move || camera.clone().run());
-    }
+    let places = Arc::new(Semaphore::new(settings.network.max_connections as usize));
+    let tracker = edges.tracker.clone();
+    let listener = Listener { socket: Arc::new(socket), allowed, places, next, shared, tracker };
+    watchman.open_doors(&edges, &listener, legacy.as_ref());
     let stages = [("camera or connections", edges), ("solver", solving), ("hub", owning), ("recorder", keeping)];
     let legacy_address = legacy.as_ref().and_then(LegacyListener::address);
     Ok(Running { address, legacy_address, state, clock, lens: to_lens, simulated_lens: lens, listener, legacy, runs, stages })
@@ -407,7 +348,9 @@ fn our_hello(settings: &Settings, clock: &Clock) -> Hello {
 /// Puts actors under the supervisor.
 struct Watchman {
     hub: hub::Handle,
-    backoff: Backoff,
+    settings: Arc<Settings>,
+    state: watch::Receiver<Arc<State>>,
+    clock: Clock,
     span: Span,
 }
 
@@ -418,12 +361,40 @@ impl Watchman {
         F: FnMut() -> A + Send + 'static,
         A: Future<Output = Result<(), Ended>> + Send + 'static,
     {
-        let kept = supervise(actor, self.hub.clone(), self.backoff, stage.stop.clone(), start);
+        let kept = supervise(actor, self.hub.clone(), Backoff::new(&self.settings.service), stage.stop.clone(), start);
         stage.tracker.spawn(kept.instrument(self.span.clone()));
     }
 
+    /// Keeps the recorder running, where there is to be one.
+    fn keep_recorder(&self, stage: &Stage) -> Option<recorder::Handle> {
+        let record = &self.settings.record;
+        if !record.enabled {
+            return None;
+        }
+        let (to_recorder, inbox) = inbox::channel(RECORDER_INBOX);
+        let actor = Recorder {
+            inbox,
+            hub: self.hub.clone(),
+            file: Path::new(&record.directory).join(recorder::file_name(&self.clock)),
+            queue: record.queue_frames as usize,
+            backoff: Backoff::new(&self.settings.service),
+            stop: stage.stop.clone(),
+        };
+        self.keep(stage, Actor::Recorder, move || actor.clone().run());
+        Some(to_recorder)
+    }
+
+    /// Keeps the ledger running.
+    fn keep_ledger(&self, stage: &Stage, ledger: Ledger) -> ledger::Handle {
+        let (to_ledger, inbox) = inbox::channel(UNDER_WAY);
+        let actor = LedgerActor { inbox, hub: self.hub.clone(), ledger, stop: stage.stop.clone() };
+        self.keep(stage, Actor::Ledger, move || actor.clone().run());
+        to_ledger
+    }
+
     /// Keeps the lens running: the one of the settings, or a simulated one with its controller.
-    fn keep_lens(&self, stage: &Stage, settings: &LensSettings, clock: Clock, simulated: Option<&SimulatedLens>) -> LensHandle {
+    fn keep_lens(&self, stage: &Stage, simulated: Option<&SimulatedLens>) -> LensHandle {
+        let settings = &self.settings.lens;
         let (to_lens, inbox) = inbox::channel(LENS_INBOX);
         let actor = LensActor {
             inbox,
@@ -431,7 +402,7 @@ impl Watchman {
             ports: simulated.map(SimulatedLens::ports).or_else(|| lens::serial_ports(settings)),
             rules: Rules::of(settings),
             open: Arc::default(),
-            clock,
+            clock: self.clock,
             stop: stage.stop.clone(),
         };
         self.keep(stage, Actor::Lens, move || actor.clone().run());
@@ -439,6 +410,55 @@ impl Watchman {
             stage.tracker.spawn(controller.clone().run(stage.stop.clone()).instrument(self.span.clone()));
         }
         LensHandle::new(to_lens)
+    }
+
+    /// Keeps the solver running.
+    fn keep_solver(&self, stage: &Stage, make: MakeSolver, abort: watch::Receiver<u32>) -> solver::Handle {
+        let (to_solver, inbox) = inbox::channel(SOLVER_INBOX);
+        let (hub, state, stop) = (self.hub.clone(), self.state.clone(), stage.stop.clone());
+        let actor = SolverActor { inbox, hub, make, state, abort, stop };
+        self.keep(stage, Actor::Solver, move || actor.clone().run());
+        to_solver
+    }
+
+    /// Keeps the camera running.
+    fn keep_camera(&self, stage: &Stage, make: MakeSource, solver: solver::Handle) -> camera::Handle {
+        let (to_camera, inbox) = inbox::channel(CAMERA_INBOX);
+        let actor = CameraActor {
+            make,
+            solver,
+            hub: self.hub.clone(),
+            inbox,
+            numbers: Arc::new(AtomicU32::new(0)),
+            state: self.state.clone(),
+            settings: Arc::clone(&self.settings),
+            clock: self.clock,
+            stop: stage.stop.clone(),
+        };
+        self.keep(stage, Actor::Camera, move || actor.clone().run());
+        to_camera
+    }
+
+    /// Keeps the housekeeping running.
+    fn keep_housekeeping(&self, stage: &Stage) {
+        let (settings, stop) = (Arc::clone(&self.settings), stage.stop.clone());
+        let actor = Housekeeper {
+            make: Arc::new(move || housekeeping::sensors(&settings, &stop)),
+            period: Duration::from_secs_f64(self.settings.housekeeping.period_s),
+            hub: self.hub.clone(),
+            clock: self.clock,
+            stop: stage.stop.clone(),
+        };
+        self.keep(stage, Actor::Housekeeping, move || actor.clone().run());
+    }
+
+    /// Lets flight computers in.
+    fn open_doors(&self, stage: &Stage, listener: &Listener, legacy: Option<&LegacyListener>) {
+        let door = listener.clone();
+        self.keep(stage, Actor::Listener, move || door.clone().run());
+        if let Some(door) = legacy.cloned() {
+            self.keep(stage, Actor::LegacyListener, move || door.clone().run());
+        }
     }
 }
 

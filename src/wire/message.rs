@@ -288,7 +288,9 @@ fn withhold_later_codes(table: &Table, body: &mut [u8]) {
     let place = |name: &str| table.fields.iter().find(|field| field.name == name).map(|field| field.offset);
     let (Some(flag), Some(code)) = (place("last_refusal_known"), place("last_refusal")) else { return };
     if body.get(code).is_some_and(|code| *code > REFUSALS_V1) {
-        [flag, code].into_iter().filter_map(|place| Some(*body.get_mut(place)? = 0)).for_each(drop);
+        for place in [flag, code] {
+            body.get_mut(place..).into_iter().flatten().take(1).for_each(|byte| *byte = 0);
+        }
     }
 }
 
