@@ -76,6 +76,7 @@ impl LegacyListener {
 
     /// Takes connections until stopped.
     pub async fn run(self) -> Result<(), Ended> {
+        tracing::info!(address = ?self.address(), "serving the legacy dialect");
         let mut pause = PAUSES.0;
         loop {
             let accepted = tokio::select! {
