@@ -15,7 +15,7 @@ pub enum SensorSource {
     /// A made-up value, and whatever shows it says so.
     Simulated,
     /// The first number in a file, times `scale`, plus `offset`.
-    File {
+    Path {
         /// The file: absolute.
         path: String,
         /// What the number is multiplied by.
@@ -59,7 +59,7 @@ impl SensorSource {
             _ => return Err(wrong()),
         };
         match &source {
-            Self::File { path, .. } | Self::Command { program: path, .. } if !path.starts_with('/') => Err(wrong()),
+            Self::Path { path, .. } | Self::Command { program: path, .. } if !path.starts_with('/') => Err(wrong()),
             _ => Ok(source),
         }
     }
@@ -80,7 +80,7 @@ fn file(text: &str) -> Option<SensorSource> {
     {
         (path, scale) = (rest, number(factor).filter(|factor| *factor != 0.0)?);
     }
-    Some(SensorSource::File { path, scale, offset })
+    Some(SensorSource::Path { path, scale, offset })
 }
 
 impl fmt::Display for SensorSource {
@@ -89,7 +89,7 @@ impl fmt::Display for SensorSource {
             Self::None => Ok(()),
             Self::Auto => f.write_str("auto"),
             Self::Simulated => f.write_str("simulated"),
-            Self::File { path, scale, offset } => {
+            Self::Path { path, scale, offset } => {
                 write!(f, "file:{path}")?;
                 if *scale != 1.0 {
                     write!(f, " *{scale}")?;
@@ -123,7 +123,7 @@ mod tests {
     use super::*;
 
     fn file(path: &str, scale: f64, offset: f64) -> SensorSource {
-        SensorSource::File { path: path.to_owned(), scale, offset }
+        SensorSource::Path { path: path.to_owned(), scale, offset }
     }
 
     #[test]

@@ -83,7 +83,7 @@ fn sensor(quantity: Quantity, settings: &Settings, stop: &CancellationToken) -> 
     let source: Box<dyn Sensor> = match quantity.source(settings) {
         SensorSource::None | SensorSource::Auto => return None,
         SensorSource::Simulated => Box::new(SimulatedSensor::new(quantity, settings)),
-        SensorSource::File { path, scale, offset } => {
+        SensorSource::Path { path, scale, offset } => {
             Box::new(FileSensor { path: PathBuf::from(path), scale: *scale, offset: *offset })
         }
         SensorSource::Command { program, arguments } => Box::new(CommandSensor {

@@ -9,10 +9,10 @@
 //! What disturbs (all but sending, delivering and time) may happen [`BUDGET`] times in a history. Ages beyond what a rule looks at are
 //! one class, and histories that lead to the same classes are one state.
 
-use super::checks::{Check, Checks};
-use super::guard::{Act, Authenticity, Guard, Sender, Situation, Slot, Verdict};
-use super::in_charge::{BootId, Epoch, Event, FlightComputer, InCharge, LASTING, LEASE, Tick, UNREST, Uptime};
-use super::{Command, MAX_VALUES};
+use super::super::checks::{Check, Checks};
+use super::super::guard::{Act, Authenticity, Guard, Sender, Situation, Slot, Verdict};
+use super::super::in_charge::{BootId, Epoch, Event, FlightComputer, InCharge, LASTING, LEASE, Tick, UNREST, Uptime};
+use super::super::{Command, MAX_VALUES};
 use std::collections::hash_map::DefaultHasher;
 use std::collections::{HashSet, VecDeque};
 use std::hash::{Hash, Hasher};

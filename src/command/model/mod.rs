@@ -1,0 +1,3 @@
+//! The arbitration and the guard, tried against every history of two computers.
+
+mod tests;
