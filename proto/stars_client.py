@@ -595,8 +595,9 @@ class Relay:
         new = [reply for reply in update["replies"] if reply["serial"] > self.acknowledged]
         for reply in new:
             self.acknowledged = max(self.acknowledged, reply["serial"])
-            ours = self.given and (reply["flight_computer"], reply["command"], reply["counter"]) == (
-                us, self.given["code"], self.given["counter"])
+            # A block that is refused as a whole is answered with no command's number.
+            ours = self.given and reply["flight_computer"] == us and (
+                reply["command"] == 0 or (reply["command"], reply["counter"]) == (self.given["code"], self.given["counter"]))
             if ours:
                 self.given["accepted"] = True
                 if reply["stage"] in ("completed", "rejected", "failed"):

@@ -37,8 +37,8 @@ Examples:
   stars fcp --id 1 --in-charge --send 'lens.set_focus 3030' --send 'solver.configure 1 20'
   stars fcp --id 1 --in-charge --send 'arm service.quit' --send 'fire service.quit'
   stars fcp --commands                  every command with its values
-Commands are sent one after the other, each when the one before has had its last reply; nothing is sent before the link is up and
-the lease is held. Without --updates and --duration it ends when all of them are answered. A value that begins with a minus needs
+Commands are sent one after the other, each when the one before has had its last reply; nothing is sent before the link is up and,
+with --in-charge, the lease is held. Without it they are refused: not_in_charge. Without --updates and --duration it ends when all of them are answered. A value that begins with a minus needs
 the equals sign. SIGINT and SIGTERM end it cleanly. Exit code 1: a command was rejected, failed or never answered; with --updates or
 commands, there was no camera in 4 attempts; with --updates, the duration ended first.")]
 pub struct Args {
@@ -173,9 +173,6 @@ impl Args {
         let (to_ground, ground) = mpsc::channel(QUEUE);
         let orders = self.orders()?;
         let commanding = !orders.is_empty() || self.script.is_some();
-        if commanding && !self.in_charge {
-            anyhow::bail!("commands are obeyed from the flight computer in charge alone: add --in-charge");
-        }
         let from_stdin = self.script.as_deref() == Some("-");
         let until_answered = commanding && !from_stdin && self.updates.is_none() && self.duration.is_none();
         let flight = tokio::spawn(fly(self.computer()?, camera, self.retry, ground, sender));

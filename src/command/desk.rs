@@ -6,7 +6,7 @@
 
 use super::dictionary::{Command, Hazard};
 use super::guard::{Act, Order, Verdict};
-use super::in_charge::{FlightComputer, Tick};
+use super::in_charge::{BootId, FlightComputer, Tick};
 use super::reply::{Refusal, Replies, Reply, Stage};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -79,6 +79,13 @@ pub struct Desk {
 }
 
 impl Desk {
+    /// A computer connects. What another boot of it was told is not for this one.
+    pub fn begin(&mut self, computer: FlightComputer, boot: BootId) {
+        if self.replies.begin(computer, boot) {
+            self.told.retain(|(who, _), _| *who != computer);
+        }
+    }
+
     /// Takes a verdict of the guard.
     pub fn take(&mut self, now: Tick, from: FlightComputer, verdict: Verdict, focus: Focus) -> Option<Step> {
         match verdict {
@@ -231,7 +238,6 @@ fn runs_unkept(command: &Command) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::command::BootId;
 
     const FC: FlightComputer = FlightComputer(1);
     const AT_3000: Focus = Focus { position: Some(3000), large_move: 500 };
@@ -333,7 +339,7 @@ mod tests {
     #[test]
     fn replies_are_due_until_acknowledged_and_the_last_32_are_kept() {
         let mut desk = Desk::default();
-        desk.replies.begin(FC, BootId(1));
+        desk.begin(FC, BootId(1));
         for counter in 1..=20 {
             run(&mut desk, at(0), order(counter, Act::Arm, "service.quit"), AT_3000);
         }
@@ -343,9 +349,9 @@ mod tests {
         desk.replies.acknowledge(FC, serial - 3);
         desk.replies.acknowledge(FC, 1_000_000);
         assert_eq!(desk.replies.due(FC).count(), 22);
-        desk.replies.begin(FC, BootId(1));
+        desk.begin(FC, BootId(1));
         assert_eq!(desk.replies.due(FC).count(), 22, "the same boot connects again");
-        desk.replies.begin(FC, BootId(2));
+        desk.begin(FC, BootId(2));
         assert_eq!(desk.replies.due(FC).count(), 0, "what another boot was told is not for this one");
         assert_eq!(desk.replies.due(FlightComputer(2)).count(), 32);
     }

@@ -116,11 +116,13 @@ impl Replies {
 
     /// A computer connects. Another boot than before has nothing to do with what was answered until now: a counter of its own could
     /// be taken for one of the boot before.
-    pub fn begin(&mut self, computer: FlightComputer, boot: BootId) {
-        let known = self.acknowledged.entry(computer).or_insert((boot, self.last));
-        if known.0 != boot {
-            *known = (boot, self.last);
+    /// Whether it is another boot than before.
+    pub fn begin(&mut self, computer: FlightComputer, boot: BootId) -> bool {
+        let is_new = self.acknowledged.get(&computer).is_none_or(|(known, _)| *known != boot);
+        if is_new {
+            self.acknowledged.insert(computer, (boot, self.last));
         }
+        is_new
     }
 
     /// A computer has everything up to this serial number. One that was never given is ignored.

@@ -320,7 +320,7 @@ impl Hub {
         let now = Instant::now();
         state.peers.retain(|peer| peer.computer != computer);
         state.peers.push(Peer { computer, boot, connection, connected: now, status: None });
-        state.desk.replies.begin(computer, boot);
+        state.desk.begin(computer, boot);
         self.arbitrate(state, Event::Connected { computer, boot }, now);
     }
 

@@ -134,7 +134,10 @@ impl FlightComputer {
         let relay = &mut self.relay;
         relay.acknowledged = relay.acknowledged.max(reply.serial.get());
         let Some(given) = &mut relay.given else { return };
-        if self.id == reply.flight_computer && (given.command.code(), given.counter) == (reply.command, reply.counter.get()) {
+        // A block that is refused as a whole is answered with no command's number.
+        let whole = reply.command == 0;
+        let ours = whole || (given.command.code(), given.counter) == (reply.command, reply.counter.get());
+        if ours && self.id == reply.flight_computer {
             given.accepted = true;
             if reply.stage.get().is_some_and(crate::command::Stage::is_last) {
                 relay.given = None;
@@ -153,9 +156,10 @@ impl FlightComputer {
         let relay = &mut self.relay;
         let lasts = |given: &Given| if given.accepted { ACCEPTED_LASTS } else { COMMAND_LASTS };
         let given_up = relay.given.take_if(|given| uptime.saturating_sub(given.at) > lasts(given));
-        // The first block of a boot runs nothing, so nothing is given in it.
+        // The first block of a boot runs nothing, so nothing is given in it. A computer that claims the charge waits until it has it;
+        // one that does not is refused, which is for its operator to see.
         if relay.given.is_none()
-            && relay.lease.is_some()
+            && (relay.lease.is_some() || !self.claims_charge && self.link.updates > 0)
             && relay.blocks > 0
             && let Some((act, command)) = relay.waiting.pop_front()
         {

@@ -103,8 +103,8 @@ fn stars_fcp_prints_every_variable_by_its_name_and_ends_after_the_updates_wanted
     assert_eq!(lines[0]["name"], "xsc0");
     assert_carries(&lines[1], &sample("update_solved"));
     assert_carries(&lines[4], &sample("update_unsolved"));
-    assert!(lines[1]["interval_s"].is_null() && lines[2]["interval_s"].as_f64().unwrap() >= 0.0);
-    assert_eq!(lines[3]["reason"], "enough updates");
+    assert!(lines[1]["interval_s"].is_null() && lines[4]["interval_s"].as_f64().unwrap() >= 0.0);
+    assert_eq!(lines[5]["reason"], "enough updates");
 }
 
 #[test]

@@ -259,6 +259,10 @@ impl World {
     fn note_claim(&mut self, who: usize, claims: bool) {
         let now = self.now;
         let computer = &mut self.computers[who];
+        // A claim that was not renewed in time has ended then, whoever took note of it.
+        if let Some(lapsed) = computer.renewed.map(|renewed| renewed + LEASE).filter(|lapsed| now >= *lapsed) {
+            (computer.renewed, computer.claiming, computer.ended) = (None, None, Some(lapsed));
+        }
         if !claims {
             if computer.claiming.take().is_some() {
                 computer.ended = Some(now);

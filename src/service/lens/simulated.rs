@@ -6,6 +6,8 @@
 use super::port::Ports;
 use crate::settings::LensSettings;
 use crate::simulate::lens::{Controller, Fault, FaultKind, Received, parse_faults};
+use std::fs::File;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -115,13 +117,18 @@ impl SimulatedLens {
         }
     }
 
-    /// Makes a pseudo-terminal, raw, so that it does not give back to us what we send. We hold the end that the lens's actor opens too:
-    /// where nobody does, ours hangs up for good in the eyes of tokio, which then reads it over and over.
-    fn terminal(&self) -> Result<(SerialStream, SerialStream, PathBuf), String> {
+    /// Makes a pseudo-terminal, raw, so that it does not give back to us what we send. We hold the end that the lens's actor opens too,
+    /// as a plain file that keeps nobody out: where nobody holds it, ours hangs up for good in the eyes of tokio, which then reads it
+    /// over and over.
+    fn terminal(&self) -> Result<(SerialStream, File, PathBuf), String> {
         let (master, mut end) = SerialStream::pair().map_err(|error| error.to_string())?;
         end.set_exclusive(false).map_err(|error| error.to_string())?;
-        let name = end.name().ok_or("it has no name")?;
-        Ok((master, end, PathBuf::from(name)))
+        let path = PathBuf::from(end.name().ok_or("it has no name")?);
+        // It must not become the terminal that this process takes its signals from.
+        let flags = rustix::fs::OFlags::NOCTTY.bits() as i32;
+        let held = File::options().read(true).write(true).custom_flags(flags).open(&path);
+        let held = held.map_err(|error| error.to_string())?;
+        Ok((master, held, path))
     }
 
     /// Is at the other end of the terminal until the port vanishes.
