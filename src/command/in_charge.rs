@@ -39,9 +39,10 @@ pub const LEASE: Duration = Duration::from_secs(3);
 pub const LASTING: Duration = Duration::from_secs(2);
 /// A claim that comes back within this time after its end came back too fast to be followed at once.
 pub const UNREST: Duration = Duration::from_secs(10);
-/// An uptime may run ahead of ours by this much and this fraction before it is not believed: the jitter of the way, and the
-/// drift of two cheap oscillators many times over.
-const UPTIME_JITTER: Duration = Duration::from_secs(2);
+/// An uptime may run ahead of ours by this much and this fraction before it is not believed: twice the silence after which a
+/// connection is closed, so that a status that was held up does not make the next one a lie, and the drift of two cheap
+/// oscillators many times over.
+const UPTIME_JITTER: Duration = Duration::from_secs(10);
 const UPTIME_DRIFT: f64 = 1e-3;
 
 /// What happened.

@@ -73,7 +73,7 @@ fn a_status_that_shows_that_we_are_not_heard_renews_nothing() {
 /// Both claim every half second with what they say of their uptimes; who has the lease in the end.
 fn contest(uptime_of_a: impl Fn(f64) -> Option<f64>, uptime_of_b: impl Fn(f64) -> Option<f64>) -> FlightComputer {
     let mut machine = both();
-    for step in 1..20 {
+    for step in 1..60 {
         let now = 0.5 * f64::from(step);
         machine.on(at(now), says(A, true, uptime_of_a(now)));
         machine.on(at(now + 0.1), says(B, true, uptime_of_b(now + 0.1)));
