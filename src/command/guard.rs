@@ -255,12 +255,10 @@ fn judge(boot: &mut Boot, sender: &Sender, now: &Situation, slot: &Slot, checks:
     if let Err((why, detail)) = may_command(sender, now, checks) {
         return refused(why, detail);
     }
-    let delay_s = if checks.has(Check::Delay) { sender.delay.as_secs_f64() } else { 0.0 };
-    if checks.has(Check::Age) && !(age_s >= 0.0 && age_s <= now.window_s) {
-        return refused(Refusal::Stale, format!("given {age_s:.1} s ago, the window is {} s", now.window_s));
-    }
-    if checks.has(Check::Delay) && !(age_s + delay_s <= now.window_s) {
-        return refused(Refusal::Stale, format!("given {age_s:.1} s ago and up to {delay_s:.1} s on the way"));
+    let way_s = if checks.has(Check::Delay) { sender.delay.as_secs_f64() } else { 0.0 };
+    if checks.has(Check::Age) && !(age_s >= 0.0 && age_s + way_s <= now.window_s) {
+        let detail = format!("given {age_s:.1} s ago, up to {way_s:.1} s on the way, the window is {} s", now.window_s);
+        return refused(Refusal::Stale, detail);
     }
     Some(read(sender, code, act, counter, &values))
 }
