@@ -170,9 +170,9 @@ fn a_stop_is_obeyed_at_whatever_point_it_comes() {
     let patient = StopAfter(AtomicUsize::new(usize::MAX), Stop::TimedOut);
     assert_eq!(solver.solve(&frame, &Prior::default(), &patient).reason, Reason::NoMatch);
     let asked_in_all = usize::MAX - patient.0.load(Ordering::Relaxed);
-    assert!(asked_in_all > 40, "{asked_in_all}");
+    assert!(asked_in_all > 30, "{asked_in_all}");
     // (Once every pattern was tried, the outcome stands, and only the search for its cause ends.)
-    for asked in [1, 2, 10, 20, 30, 40] {
+    for asked in [1, 2, 5, 10, 15, 20, 25] {
         let watch = StopAfter(AtomicUsize::new(asked), Stop::TimedOut);
         assert_eq!(solver.solve(&frame, &Prior::default(), &watch).reason, Reason::TimedOut, "{asked}");
     }
