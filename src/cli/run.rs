@@ -17,6 +17,9 @@ const WORKERS: usize = 2;
 /// hang.
 const BLOCKING: usize = 24;
 
+/// Updates that still go out after a command to end.
+const FAREWELL_UPDATES: f64 = 3.0;
+
 /// Runs the flight service: camera, solver, and updates to the flight computers
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -43,11 +46,16 @@ impl Args {
         let runtime = runtime()?;
         let ended = runtime.block_on(async {
             let stop = stop_signal()?;
+            let farewell = Duration::from_secs_f64(FAREWELL_UPDATES * settings.network.update_period_s);
             let running = service::start(settings).await?;
             let mut state = running.state.clone();
             let why = tokio::select! {
                 why = until(stop, self.duration) => why,
-                Ok(_) = state.wait_for(|state| state.ending.is_some()) => "a command",
+                Ok(()) = async { state.wait_for(|state| state.ending.is_some()).await.map(drop) } => {
+                    // The ground is told that its command was taken.
+                    tokio::time::sleep(farewell).await;
+                    "a command"
+                }
             };
             tracing::info!(why, "stopping");
             anyhow::Ok(end(running).await)

@@ -4,7 +4,7 @@ use super::dictionary::Command;
 use crate::settings::{Settings, SettingsError};
 
 /// What a command that does nothing but change settings sets, as the settings room reads it; empty for any other.
-pub fn assignments(command: &Command) -> Vec<String> {
+fn assignments(command: &Command) -> Vec<String> {
     let set =
         |section: &str, values: &[(&str, String)]| values.iter().map(|(key, value)| format!("{section}.{key}={value}")).collect();
     let range = |name: &str, enabled: bool, min_deg: f64, max_deg: f64| {

@@ -4,7 +4,8 @@
 //! An order's way: the guard lets it through → [`Desk::take`] says [`Step::Keep`] → its counter is on disk → [`Desk::kept`] says
 //! [`Step::Do`] → its actor reports [`Desk::report`]. Each step leaves a [`Reply`].
 
-use super::dictionary::{Command, Hazard};
+use super::definition::Hazard;
+use super::dictionary::Command;
 use super::guard::{Act, Order, Verdict};
 use super::in_charge::{BootId, FlightComputer, Tick};
 use super::reply::{Refusal, Replies, Reply, Stage};
@@ -13,8 +14,13 @@ use std::time::Duration;
 
 /// An armed command may be fired for this long.
 pub const ARMED: Duration = Duration::from_secs(10);
-/// Orders that may be under way at a time.
+/// Orders that may be under way at a time; those that only stop things may be as many again.
 pub const UNDER_WAY: usize = 32;
+/// The disk has kept a counter within this time, or the order fails: a command that comes later than that would surprise the ground.
+const KEPT_WITHIN: Duration = Duration::from_secs(5);
+/// Whoever carries an order out has reported its end within this time, the longest of the settings: learning the focus range with all
+/// that is read about it. The autofocus has a time of its own.
+const ENDED_WITHIN: Duration = Duration::from_secs(1800);
 
 /// The number of an order here: requests to actors carry it, and their results repeat it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
@@ -24,7 +30,12 @@ pub struct OrderNumber(pub u32);
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Step {
     /// Keep the guard's memory on disk, then call [`Desk::kept`] with this number.
-    Keep(OrderNumber),
+    Keep {
+        /// The order.
+        number: OrderNumber,
+        /// Whether it waits for the disk; otherwise [`Desk::kept`] is called at once.
+        waits: bool,
+    },
     /// Do it, and call [`Desk::report`] with this number.
     Do(OrderNumber, Command),
 }
@@ -43,6 +54,10 @@ pub struct Focus {
 struct UnderWay {
     number: OrderNumber,
     order: Order,
+    /// Whether its counter is on disk, or it did not wait for that.
+    kept: bool,
+    /// When it has failed, if nothing is heard of it; `None` where it has a time of its own.
+    until: Option<Tick>,
 }
 
 /// A command that was armed.
@@ -92,8 +107,9 @@ impl Desk {
             Verdict::Run(order) => match self.may(now, &order, focus) {
                 Ok(()) => {
                     self.last = OrderNumber(self.last.0.wrapping_add(1));
-                    self.under_way.push_back(UnderWay { number: self.last, order });
-                    Some(Step::Keep(self.last))
+                    let (number, until) = (self.last, Some(now + KEPT_WITHIN));
+                    self.under_way.push_back(UnderWay { number, order, kept: false, until });
+                    Some(Step::Keep { number, waits: !order.command.only_stops() })
                 }
                 Err((why, detail)) => {
                     self.refuse(now, from, order.command.code(), order.counter, why, detail);
@@ -107,12 +123,15 @@ impl Desk {
         }
     }
 
-    /// The counter of an order is on disk, or could not be brought there.
+    /// The counter of an order is on disk, or could not be brought there. An order that did not wait for it is not told again.
     pub fn kept(&mut self, now: Tick, number: OrderNumber, kept: Result<(), String>) -> Option<Step> {
-        let order = self.order(number)?;
-        if let Err(problem) = kept
-            && !runs_unkept(&order.command)
-        {
+        let under_way = self.under_way.iter_mut().find(|under_way| under_way.number == number && !under_way.kept)?;
+        under_way.kept = true;
+        let has_its_own_time =
+            matches!(under_way.order.command, Command::RunFocus {} | Command::AdviseFocus {} | Command::Refocus { .. });
+        under_way.until = (!has_its_own_time).then_some(now + ENDED_WITHIN);
+        let order = under_way.order;
+        if let Err(problem) = kept {
             self.report(now, number, Stage::Failed, Some(Refusal::NotKept), problem);
             return None;
         }
@@ -134,6 +153,23 @@ impl Desk {
             self.under_way.retain(|under_way| under_way.number != number);
         }
         self.reply(now, &order, stage, why, detail);
+    }
+
+    /// When to call [`Self::expire`], if nothing happens before.
+    pub fn deadline(&self) -> Option<Tick> {
+        self.under_way.iter().filter_map(|under_way| under_way.until).min()
+    }
+
+    /// Fails the orders of which nothing was heard for too long: a disk that hangs, a part of the program that broke over them.
+    pub fn expire(&mut self, now: Tick) {
+        let late = |under_way: &&UnderWay| under_way.until.is_some_and(|until| now >= until);
+        let late: Vec<(OrderNumber, bool)> =
+            self.under_way.iter().filter(late).map(|under_way| (under_way.number, under_way.kept)).collect();
+        for (number, kept) in late {
+            let (why, after) = if kept { (Refusal::Device, ENDED_WITHIN) } else { (Refusal::NotKept, KEPT_WITHIN) };
+            let who = if kept { "nothing was heard of it" } else { "the disk did not keep its counter" };
+            self.report(now, number, Stage::Failed, Some(why), format!("{who} within {} s", after.as_secs()));
+        }
     }
 
     /// What a command means that comes in a dialect without a word for arming: one that must be armed arms itself, and fires when
@@ -175,8 +211,9 @@ impl Desk {
         if !definition.available {
             return Err((Refusal::NotAvailable, format!("{} is not there yet", definition.name)));
         }
-        if self.under_way.len() >= UNDER_WAY && !runs_unkept(&order.command) {
-            return Err((Refusal::Busy, format!("{UNDER_WAY} commands are under way")));
+        let room = if order.command.only_stops() { 2 * UNDER_WAY } else { UNDER_WAY };
+        if self.under_way.len() >= room {
+            return Err((Refusal::Busy, format!("{} commands are under way", self.under_way.len())));
         }
         let armed = self.armed(now).filter(|(from, command, _)| (*from, *command) == (order.from, order.command)).is_some();
         match order.act {
@@ -224,17 +261,6 @@ fn is_hazardous(hazard: Hazard, command: &Command, focus: Focus) -> bool {
     }
 }
 
-/// What only stops things runs whatever else is wrong: done twice it does no harm, not done it may.
-fn runs_unkept(command: &Command) -> bool {
-    matches!(
-        command,
-        Command::StopLens { .. }
-            | Command::KnownGood { .. }
-            | Command::AbortSolver { .. }
-            | Command::AbortFocus { use_result: false }
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -256,14 +282,15 @@ mod tests {
 
     /// Takes an order whose counter reaches the disk.
     fn run(desk: &mut Desk, now: Tick, verdict: Verdict, focus: Focus) -> Option<Step> {
-        let Some(Step::Keep(number)) = desk.take(now, FC, verdict, focus) else { return None };
+        let Some(Step::Keep { number, .. }) = desk.take(now, FC, verdict, focus) else { return None };
         desk.kept(now, number, Ok(()))
     }
 
     #[test]
     fn an_order_is_kept_before_it_is_done_and_every_stage_is_told() {
         let mut desk = Desk::default();
-        let Some(Step::Keep(number)) = desk.take(at(1), FC, order(1, Act::Run, "lens.set_focus 3030"), AT_3000) else { panic!() };
+        let taken = desk.take(at(1), FC, order(1, Act::Run, "lens.set_focus 3030"), AT_3000);
+        let Some(Step::Keep { number, waits: true }) = taken else { panic!("{taken:?}") };
         assert!(stages(&desk).is_empty());
         let step = desk.kept(at(1), number, Ok(())).unwrap();
         assert_eq!(step, Step::Do(number, Command::SetFocus { position_counts: 3030 }));
@@ -275,14 +302,55 @@ mod tests {
     }
 
     #[test]
-    fn an_order_whose_counter_cannot_be_kept_fails_unless_it_only_stops_things() {
+    fn an_order_whose_counter_cannot_be_kept_fails_and_one_that_only_stops_things_does_not_wait_for_it() {
         let mut desk = Desk::default();
-        for (counter, text, runs) in [(1, "lens.set_focus 3030", false), (2, "lens.stop", true), (3, "service.known_good", true)]
-        {
-            let Some(Step::Keep(number)) = desk.take(at(1), FC, order(counter, Act::Run, text), AT_3000) else { panic!() };
-            assert_eq!(desk.kept(at(1), number, Err("disk".to_owned())).is_some(), runs, "{text}");
+        for (counter, text, waits) in [
+            (1, "lens.set_focus 3030", true),
+            (2, "lens.stop", false),
+            (3, "service.known_good", false),
+            (4, "focus.abort 1", true),
+        ] {
+            let taken = desk.take(at(1), FC, order(counter, Act::Run, text), AT_3000);
+            let Some(Step::Keep { number, waits: said }) = taken else { panic!("{taken:?}") };
+            assert_eq!(said, waits, "{text}");
+            let kept = if waits { Err("disk".to_owned()) } else { Ok(()) };
+            assert_eq!(desk.kept(at(1), number, kept).is_some(), !waits, "{text}");
+            assert_eq!(desk.kept(at(2), number, Ok(())), None, "{text}: what the disk says later runs nothing again");
         }
         assert_eq!(stages(&desk)[0], (1, Stage::Failed, Some(Refusal::NotKept)));
+    }
+
+    #[test]
+    fn an_order_of_which_nothing_is_heard_fails_in_its_time_and_gives_its_place_back() {
+        let mut desk = Desk::default();
+        let start = |desk: &mut Desk, counter, text| {
+            let Some(Step::Keep { number, .. }) = desk.take(at(0), FC, order(counter, Act::Run, text), AT_3000) else { panic!() };
+            number
+        };
+        start(&mut desk, 1, "lens.get_focus");
+        let asked = start(&mut desk, 1, "camera.get_gain");
+        desk.kept(at(1), asked, Ok(()));
+        assert_eq!(desk.deadline(), Some(at(5)));
+        desk.expire(at(5));
+        assert_eq!(stages(&desk).last(), Some(&(1, Stage::Failed, Some(Refusal::NotKept))));
+        assert_eq!(desk.deadline(), Some(at(1801)));
+        desk.expire(at(1801));
+        assert_eq!(stages(&desk).last(), Some(&(1, Stage::Failed, Some(Refusal::Device))));
+        assert_eq!((desk.deadline(), desk.under_way().count()), (None, 0));
+    }
+
+    #[test]
+    fn as_many_as_may_be_are_under_way_and_a_stop_still_finds_room_though_not_without_end() {
+        let mut desk = Desk::default();
+        for counter in 1..=40 {
+            desk.take(at(0), FC, order(counter, Act::Run, "lens.get_focus"), AT_3000);
+        }
+        assert_eq!(desk.under_way().count(), UNDER_WAY);
+        assert_eq!(desk.replies.last().unwrap().why, Some(Refusal::Busy));
+        for counter in 1..=40 {
+            desk.take(at(0), FC, order(counter, Act::Run, "lens.stop"), AT_3000);
+        }
+        assert_eq!(desk.under_way().count(), 2 * UNDER_WAY);
     }
 
     #[test]

@@ -18,7 +18,8 @@
 //! [`Guard::memory`] on disk.
 
 use super::checks::{Check, Checks};
-use super::dictionary::{Command, CommandError, MAX_VALUES};
+use super::definition::{CommandError, MAX_VALUES};
+use super::dictionary::Command;
 use super::in_charge::{BootId, Epoch, FlightComputer, Lease};
 use super::reply::Refusal;
 use std::collections::BTreeMap;
@@ -196,10 +197,11 @@ impl Guard {
         if sender.block_boot != sender.boot && self.checks.has(Check::Boot) {
             return whole(Refusal::WrongBoot, "the block is not of the boot that said hello");
         }
-        let boot = self.memory.boot(sender.computer, sender.block_boot);
+        let mut boot = self.memory.take(sender.computer, sender.block_boot);
         let checks = self.checks;
-        let verdicts = slots.iter().filter_map(|slot| judge(boot, sender, situation, slot, checks)).collect();
+        let verdicts = slots.iter().filter_map(|slot| judge(&mut boot, sender, situation, slot, checks)).collect();
         boot.seeded |= slots.iter().all(Slot::is_sealed);
+        self.memory.put(sender.computer, boot);
         verdicts
     }
 }
@@ -209,25 +211,23 @@ fn whole(why: Refusal, detail: &str) -> Vec<Verdict> {
 }
 
 impl Memory {
-    /// What is remembered of a boot, moved to the end.
-    fn boot(&mut self, computer: FlightComputer, boot: BootId) -> &mut Boot {
+    /// What is remembered of a boot, taken out to be worked on; [`Self::put`] puts it back.
+    fn take(&mut self, computer: FlightComputer, boot: BootId) -> Boot {
+        let boots = self.0.get_mut(&computer);
+        let known = boots.and_then(|boots| boots.iter().position(|known| known.boot == boot).map(|place| boots.remove(place)));
+        known.unwrap_or_else(|| Boot { boot, seeded: false, counters: BTreeMap::new() })
+    }
+
+    /// Remembers a boot as the last that was heard of.
+    fn put(&mut self, computer: FlightComputer, boot: Boot) {
         if !self.0.contains_key(&computer) && self.0.len() >= COMPUTERS {
             self.0.pop_last();
         }
         let boots = self.0.entry(computer).or_default();
-        let known = boots.iter().position(|known| known.boot == boot);
-        let entry = match known {
-            Some(place) => boots.remove(place),
-            None => Boot { boot, seeded: false, counters: BTreeMap::new() },
-        };
         if boots.len() >= BOOTS {
             boots.remove(0);
         }
-        boots.push(entry);
-        let last = boots.len() - 1;
-        // It was pushed just now.
-        #[allow(clippy::indexing_slicing, reason = "the place was filled in the line before")]
-        &mut boots[last]
+        boots.push(boot);
     }
 }
 

@@ -10,6 +10,7 @@
 mod apply;
 mod authentic;
 mod checks;
+mod definition;
 mod desk;
 mod dictionary;
 mod guard;
@@ -22,11 +23,12 @@ mod reply;
 mod tests;
 mod value;
 
-pub use apply::{apply, assignments};
-pub use authentic::{KEY_BYTES, Key, KeyError, TAG_BYTES};
-pub use desk::{ARMED, CommandCounts, Desk, Focus, OrderNumber, Step, UNDER_WAY};
-pub use dictionary::{Command, CommandError, Definition, Hazard, MAX_VALUES};
+pub use apply::apply;
+pub use authentic::{Key, KeyError, TAG_BYTES};
+pub use definition::{CommandError, Definition, Hazard, MAX_VALUES, parse_order};
+pub use desk::{CommandCounts, Desk, Focus, OrderNumber, Step, UNDER_WAY};
+pub use dictionary::Command;
 pub use guard::{Act, Authenticity, Guard, Memory, Order, Sender, Situation, Slot, Verdict, admit};
-pub use in_charge::{BootId, Decision, Epoch, Event, FlightComputer, InCharge, LASTING, LEASE, Lease, Tick, UNREST};
+pub use in_charge::{BootId, Decision, Epoch, Event, FlightComputer, InCharge, LASTING, LEASE, Lease, Tick};
 pub use reply::{REPLIES, Refusal, Replies, Reply, Stage};
 pub use value::{Parameter, Shape, ShowFocus, Value};

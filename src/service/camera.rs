@@ -3,6 +3,7 @@
 use super::clock::{Clock, utc_now};
 use super::hub::{self, ToHub};
 use super::inbox::Inbox;
+use super::orders::NOBODY;
 use super::solver::{self, Captured};
 use super::state::{CameraState, Finished, State};
 use super::supervisor::{Ended, panic_message, panic_text};
@@ -60,6 +61,8 @@ pub struct CameraActor {
 /// What the blocking pool gives back: the source for the next time, and the frame.
 struct Shot {
     source: Option<Box<dyn Source>>,
+    /// The gain of a source that was made for this frame, dB, where it has one.
+    gain_db: Option<f64>,
     frame: Result<Frame, CameraError>,
 }
 
@@ -114,7 +117,10 @@ impl CameraActor {
         let make = Arc::clone(&self.make);
         let job = tokio::task::spawn_blocking(move || shoot(source, &make, image, uptime));
         let Some(shot) = self.stop.run_until_cancelled(job).await else { return Ok(None) };
-        let Shot { source, frame } = shot.map_err(|error| Ended(panic_message(error)))?;
+        let Shot { source, gain_db, frame } = shot.map_err(|error| Ended(panic_message(error)))?;
+        if let Some(gain_db) = gain_db {
+            self.hub.tell(ToHub::Gain { number: NOBODY, result: Ok(gain_db) }).await;
+        }
         match frame {
             Ok(mut frame) => {
                 self.number(image, &state, &mut frame.stamp).await;
@@ -170,15 +176,20 @@ impl CameraActor {
 
 /// One frame, on the blocking pool. A source that panics over an image has lost that image and is asked for the next one.
 fn shoot(source: Option<Box<dyn Source>>, make: &MakeSource, image: ImageCounter, uptime: Duration) -> Shot {
-    let mut source = match source.map_or_else(|| make(), Ok) {
-        Ok(source) => source,
-        Err(why) => return Shot { source: None, frame: Err(CameraError::Unavailable(why)) },
+    let (made, is_new) = match source {
+        Some(source) => (Ok(source), false),
+        None => (make(), true),
     };
+    let mut source = match made {
+        Ok(source) => source,
+        Err(why) => return Shot { source: None, gain_db: None, frame: Err(CameraError::Unavailable(why)) },
+    };
+    let gain_db = if is_new { source.gain().ok() } else { None };
     let (utc, quality) = utc_now();
     let moment = Moment { image, uptime, utc, quality };
     let frame = catch_unwind(AssertUnwindSafe(|| source.next(&moment))).unwrap_or_else(|panic| {
         let problem = format!("the camera panicked: {}", panic_text(panic.as_ref()));
         Err(CameraError::Unreadable { origin: format!("image {}", image.0), problem })
     });
-    Shot { source: Some(source), frame }
+    Shot { source: Some(source), gain_db, frame }
 }

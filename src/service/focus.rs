@@ -1,5 +1,6 @@
 //! Focus: what the hub does for the autofocus. It brings it images and the lens's answers, and the lens its moves.
 
+use super::housekeeping::Quantity;
 use super::hub::Hub;
 use super::state::{Finished, State};
 use crate::command::{Command, OrderNumber, Refusal, Stage, Tick};
@@ -7,6 +8,7 @@ use crate::lens::autofocus::{self, Autofocus, AutofocusRules, Decision, Ending, 
 use crate::lens::{FocusCounts, LensCommand, LensError, LensResult, RequestCounter};
 use crate::settings::FocusSettings;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::time::Instant;
 
 /// Requests of the program itself are numbered from here, those of the ground below.
 const OWN_REQUESTS: u32 = 1 << 31;
@@ -91,7 +93,8 @@ impl Hub {
     pub(super) fn show_focus(&self, state: &mut State, finished: &Finished) {
         let position = finished.outcome.stamp.focus_counts.map(FocusCounts);
         let captured = self.clock.tick(finished.captured);
-        self.tell_focus(state, Event::Image(FocusImage::new(&finished.outcome, captured, position, None)));
+        let temperature_c = state.measured.value(Quantity::TemperatureLens, Instant::now(), &state.settings);
+        self.tell_focus(state, Event::Image(FocusImage::new(&finished.outcome, captured, position, temperature_c)));
     }
 
     /// The lens answered a request of ours; whether it was one.

@@ -207,12 +207,13 @@ impl Hub {
         let mut state = State::clone(&self.state.borrow());
         loop {
             let at = |tick: Option<Tick>| tick.map(|tick| self.clock.started() + tick);
-            let (lapse, focus) = (at(state.charge.deadline()), at(self.focus.deadline()));
+            let (lapse, focus, order) = (at(state.charge.deadline()), at(self.focus.deadline()), at(state.desk.deadline()));
             tokio::select! {
                 biased;
                 Some(message) = inbox.recv() => self.take(&mut state, message),
                 () = sleep_until(lapse) => self.arbitrate(&mut state, Event::Time, Instant::now()),
                 () = sleep_until(state.lull_ends()) => self.reset_after_lull(&mut state),
+                () = sleep_until(order) => state.desk.expire(self.clock.uptime()),
                 () = sleep_until(focus) => self.tell_focus(&mut state, autofocus::Event::Time),
                 () = self.stop.cancelled() => return Ok(()),
             }
@@ -275,7 +276,10 @@ impl Hub {
             ToHub::Recorded => counters.records_written = counters.records_written.saturating_add(1),
             ToHub::RecordLost => counters.records_lost = counters.records_lost.saturating_add(1),
             ToHub::DiskError => counters.disk_errors = counters.disk_errors.saturating_add(1),
-            ToHub::Lens(lens) => state.lens = Arc::from(lens),
+            ToHub::Lens(lens) => {
+                state.lens = Arc::from(lens);
+                self.tell_rest(state);
+            }
             ToHub::LensResult { counter, result } => self.take_lens_result(state, self.clock.uptime(), counter, &result),
             ToHub::Measured(measured) => state.measured = Arc::from(measured),
             ToHub::Restarted { actor, why } => {
@@ -367,12 +371,22 @@ impl Hub {
             window_s: state.settings.commands.window_s,
         };
         for verdict in state.guard.on(&sender, &situation, &block.slots()) {
-            if let Verdict::Refused { code, counter, why, detail } = &verdict {
-                tracing::debug!(computer = computer.0, code, counter, ?why, detail, "command refused");
-            }
-            let step = state.desk.take(now, computer, verdict, state.focus());
-            self.follow(state, now, step);
+            self.take_verdict(state, now, computer, verdict);
         }
+    }
+
+    /// A verdict goes to the desk; what is refused stands in the log as often as a reply tells it.
+    pub(super) fn take_verdict(&self, state: &mut State, now: Tick, computer: FlightComputer, verdict: Verdict) {
+        let before = state.desk.replies.last().map(|reply| reply.serial);
+        let step = state.desk.take(now, computer, verdict, state.focus());
+        if let Some(reply) = state.desk.replies.last()
+            && reply.stage == Stage::Rejected
+            && Some(reply.serial) != before
+        {
+            let (code, counter, why, detail) = (reply.code, reply.counter, reply.why, &reply.detail);
+            tracing::info!(computer = computer.0, code, counter, ?why, detail, "command refused");
+        }
+        self.follow(state, now, step);
     }
 
     /// Takes the next step of an order.
@@ -380,9 +394,10 @@ impl Hub {
         match step {
             None => {}
             Some(Step::Do(number, command)) => self.carry_out(state, now, number, command),
-            Some(Step::Keep(number)) => {
+            Some(Step::Keep { number, waits }) => {
                 let memory = state.guard.memory().clone();
                 match self.ledger.as_ref().map(|ledger| ledger.try_send(Keep { number, memory })) {
+                    _ if !waits => self.take_step(state, number, Ok(())),
                     Some(Ok(())) => {}
                     Some(Err(_)) => self.take_kept(state, number, Err("the disk is behind".to_owned())),
                     None => self.take_kept(state, number, Ok(())),
@@ -392,11 +407,16 @@ impl Hub {
     }
 
     fn take_kept(&self, state: &mut State, number: OrderNumber, kept: Result<(), String>) {
-        let now = self.clock.uptime();
         state.counters_kept = kept.is_ok() && self.ledger.is_some();
         if let Err(problem) = &kept {
             tracing::error!(problem, "the counters of commands cannot be kept");
         }
+        self.take_step(state, number, kept);
+    }
+
+    /// An order goes on: its counter is on disk, it does not wait for that, or it fails for want of it.
+    fn take_step(&self, state: &mut State, number: OrderNumber, kept: Result<(), String>) {
+        let now = self.clock.uptime();
         let step = state.desk.kept(now, number, kept);
         self.follow(state, now, step);
     }

@@ -13,10 +13,10 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio_util::task::TaskTracker;
-use tracing::Instrument;
+use tracing::{Instrument, Span};
 
 /// Pauses after an error of `accept`, such as too many open files: from the first to the longest.
-pub const PAUSES: (Duration, Duration) = (Duration::from_millis(10), Duration::from_secs(1));
+const PAUSES: (Duration, Duration) = (Duration::from_millis(10), Duration::from_secs(1));
 /// Bytes that may wait in the kernel for a peer that does not read: a handful of updates, as older ones are of no use.
 const SEND_BUFFER: usize = 32 * 1024;
 /// A stranger that is to give way does so at once; the longest that other connections may wait for that.
@@ -44,28 +44,10 @@ pub struct Listener {
 impl Listener {
     /// Takes connections until stopped.
     pub async fn run(self) -> Result<(), Ended> {
-        let mut pause = PAUSES.0;
-        loop {
-            let accepted = tokio::select! {
-                biased;
-                () = self.shared.stop.cancelled() => return Ok(()),
-                accepted = self.socket.accept() => accepted,
-            };
-            match accepted {
-                Ok((stream, address)) => {
-                    pause = PAUSES.0;
-                    if let Err(error) = tune(&stream, self.shared.settings.network.silence_s) {
-                        tracing::warn!(%address, %error, "socket options");
-                    }
-                    self.take(stream, address).await;
-                }
-                Err(error) => {
-                    tracing::warn!(%error, "no connection could be taken");
-                    let _ = self.shared.stop.run_until_cancelled(tokio::time::sleep(pause)).await;
-                    pause = (pause * 2).min(PAUSES.1);
-                }
-            }
+        while let Some((stream, address)) = next_connection(&self.socket, &self.shared).await {
+            self.take(stream, address).await;
         }
+        Ok(())
     }
 
     /// Gives a connection its session, or turns it away by closing it.
@@ -82,19 +64,8 @@ impl Listener {
             }
         };
         let session = Session::new(stream, connection, Arc::clone(&self.shared));
-        let hub = self.shared.hub.clone();
         let span = tracing::info_span!("session", connection, %address);
-        let watched = async move {
-            match tokio::spawn(session.run().in_current_span()).await {
-                Ok(why) => tracing::info!(?why, "connection closed"),
-                Err(error) => {
-                    tracing::error!(why = panic_message(error), "session broke");
-                    hub.tell(ToHub::Closed { connection, why: Closed::Broke }).await;
-                }
-            }
-            drop(place);
-        };
-        self.tracker.spawn(watched.instrument(span));
+        keep_session(&self.tracker, &self.shared, connection, session.run(), place, span);
     }
 
     /// A place for a connection: a free one, or that of a stranger.
@@ -109,8 +80,56 @@ impl Listener {
     }
 }
 
+/// The next connection of a socket; `None` once the service stops. Where none can be taken it is tried again, with a pause that grows.
+pub async fn next_connection(socket: &TcpListener, shared: &Shared) -> Option<(TcpStream, SocketAddr)> {
+    let mut pause = PAUSES.0;
+    loop {
+        let accepted = tokio::select! {
+            biased;
+            () = shared.stop.cancelled() => return None,
+            accepted = socket.accept() => accepted,
+        };
+        match accepted {
+            Ok((stream, address)) => {
+                if let Err(error) = tune(&stream, shared.settings.network.silence_s) {
+                    tracing::warn!(%address, %error, "socket options");
+                }
+                return Some((stream, address));
+            }
+            Err(error) => {
+                tracing::warn!(%error, "no connection could be taken");
+                let _ = shared.stop.run_until_cancelled(tokio::time::sleep(pause)).await;
+                pause = (pause * 2).min(PAUSES.1);
+            }
+        }
+    }
+}
+
+/// Lets a session run to its end, and tells the hub where it broke. Its place is free from then on.
+pub fn keep_session(
+    tracker: &TaskTracker,
+    shared: &Shared,
+    connection: u64,
+    session: impl Future<Output = Closed> + Send + 'static,
+    place: OwnedSemaphorePermit,
+    span: Span,
+) {
+    let hub = shared.hub.clone();
+    let watched = async move {
+        match tokio::spawn(session.in_current_span()).await {
+            Ok(why) => tracing::info!(?why, "connection closed"),
+            Err(error) => {
+                tracing::error!(why = panic_message(error), "session broke");
+                hub.tell(ToHub::Closed { connection, why: Closed::Broke }).await;
+            }
+        }
+        drop(place);
+    };
+    tracker.spawn(watched.instrument(span));
+}
+
 /// Small writes go at once, a dead link is noticed, and old updates do not pile up.
-pub fn tune(stream: &TcpStream, silence_s: f64) -> io::Result<()> {
+fn tune(stream: &TcpStream, silence_s: f64) -> io::Result<()> {
     stream.set_nodelay(true)?;
     let socket = SockRef::from(stream);
     let (first, then, lost_after) = KEEPALIVE;

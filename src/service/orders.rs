@@ -15,7 +15,7 @@ use tokio::time::Instant;
 const PROGRAM_ENDS_WITHIN: Duration = Duration::from_secs(60);
 
 /// The number of no order: what nobody gave.
-const NOBODY: OrderNumber = OrderNumber(0);
+pub const NOBODY: OrderNumber = OrderNumber(0);
 
 /// How an order went at once, or that its result comes later.
 enum Done {
@@ -135,13 +135,31 @@ impl Hub {
             return;
         }
         let is_stop = asked == Some(LensCommand::Stop);
+        let number = OrderNumber(counter.0);
+        let is_known_good =
+            |(other, order): (OrderNumber, &command::Order)| other == number && matches!(order.command, Command::KnownGood {});
+        if *result == LensResult::Completed && state.desk.under_way().any(is_known_good) {
+            state.rests = Some(number);
+            return self.tell_rest(state);
+        }
         let (stage, why, words) = match result {
             LensResult::Started => (Stage::Started, None, String::new()),
             LensResult::Completed => (Stage::Completed, None, asked.map_or_else(String::new, |asked| state.lens_words(asked))),
             LensResult::Failed(LensError::NotThere) if is_stop => (Stage::Completed, None, "there is no lens".to_owned()),
             LensResult::Failed(error) => (Stage::Failed, Some(why_failed(error)), error.to_string()),
         };
-        state.desk.report(now, OrderNumber(counter.0), stage, why, words);
+        state.desk.report(now, number, stage, why, words);
+    }
+
+    /// Ends the order for the flight defaults once nothing moves any more: a move that had begun cannot be stopped.
+    pub(super) fn tell_rest(&self, state: &mut State) {
+        if state.lens.focus.is_moving() || state.lens.aperture.is_moving() {
+            return;
+        }
+        if let Some(number) = state.rests.take() {
+            let words = "flight defaults, lens at rest".to_owned();
+            state.desk.report(self.clock.uptime(), number, Stage::Completed, None, words);
+        }
     }
 
     fn ask_camera(&self, request: ToCamera) -> Done {

@@ -4,7 +4,7 @@ use super::housekeeping::{self, Measurements};
 use super::runs::Run;
 use super::session::Closed;
 use crate::command::legacy::LegacyGuard;
-use crate::command::{BootId, Desk, FlightComputer, Focus, Guard, InCharge, Lease, Tick};
+use crate::command::{BootId, Desk, FlightComputer, Focus, Guard, InCharge, Lease, OrderNumber, Tick};
 use crate::image::{ImageCounter, TriggerCounter};
 use crate::lens::autofocus::{Autofocus, AutofocusRules, AutofocusStatus};
 use crate::lens::{AperturePosition, Doubt, FocusCounts, LensCommand, LensState, RequestCounter};
@@ -32,6 +32,8 @@ pub struct State {
     pub lens: Arc<LensState>,
     /// Requests to the lens that are not answered to their end.
     pub lens_requests: BTreeMap<RequestCounter, LensCommand>,
+    /// The order that ends when the lens is at rest.
+    pub rests: Option<OrderNumber>,
     /// What the autofocus is at.
     pub autofocus: Arc<AutofocusStatus>,
     /// The frame that is being solved.
@@ -210,6 +212,7 @@ impl State {
             camera: CameraState::Idle,
             lens: Arc::new(LensState::unknown(Doubt::NeverRead)),
             lens_requests: BTreeMap::new(),
+            rests: None,
             autofocus: Arc::new(Autofocus::new(AutofocusRules::new(&settings.focus)).status(Tick::ZERO)),
             solving: None,
             latest: None,

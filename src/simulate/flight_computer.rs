@@ -3,8 +3,8 @@
 use crate::command::{Act, Command, Key, Slot};
 use crate::sky::{ClockQuality, Observer, Utc};
 use crate::wire::{
-    Clock, CommandReply, CommandSlot, Commands, EquatorialEstimate, Hello, HorizontalEstimate, List, ObserverPart, Role, Status,
-    Update,
+    Clock, CommandReply, CommandSlot, Commands, EquatorialEstimate, Hello, HorizontalEstimate, List, ObserverPart, Role, SLOTS,
+    Status, Update,
 };
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -32,9 +32,9 @@ pub struct Given {
 #[derive(Debug, Clone, Default)]
 struct Relay {
     counters: BTreeMap<u8, u32>,
-    /// Those that wait for their turn: one is under way at a time, so that arming comes before firing.
+    /// Those that wait for their turn: one is under way at a time, so that arming comes before firing; what only stops things overtakes.
     waiting: VecDeque<(Act, Command)>,
-    given: Option<Given>,
+    given: Vec<Given>,
     acknowledged: u32,
     camera_boot: u32,
     lease: Option<u32>,
@@ -133,19 +133,20 @@ impl FlightComputer {
     fn on_reply(&mut self, reply: &CommandReply) {
         let relay = &mut self.relay;
         relay.acknowledged = relay.acknowledged.max(reply.serial.get());
-        let Some(given) = &mut relay.given else { return };
+        if self.id != reply.flight_computer {
+            return;
+        }
         // A block that is refused as a whole is answered with no command's number.
         let whole = reply.command == 0;
-        let ours = whole || (given.command.code(), given.counter) == (reply.command, reply.counter.get());
-        if ours && self.id == reply.flight_computer {
-            given.accepted = true;
-            if reply.stage.get().is_some_and(crate::command::Stage::is_last) {
-                relay.given = None;
-            }
+        let answered = |given: &Given| whole || (given.command.code(), given.counter) == (reply.command, reply.counter.get());
+        if reply.stage.get().is_some_and(crate::command::Stage::is_last) {
+            relay.given.retain(|given| !answered(given));
         }
+        relay.given.iter_mut().filter(|given| answered(given)).for_each(|given| given.accepted = true);
     }
 
-    /// Takes a command from the ground, to be given when those before it have had their last reply.
+    /// Takes a command from the ground, to be given when those before it have had their last reply, or at once where it only stops
+    /// things.
     pub fn relay(&mut self, act: Act, command: Command) {
         self.relay.waiting.push_back((act, command));
     }
@@ -155,17 +156,18 @@ impl FlightComputer {
     pub fn block(&mut self, uptime: Duration) -> (Commands, Option<Given>) {
         let relay = &mut self.relay;
         let lasts = |given: &Given| if given.accepted { ACCEPTED_LASTS } else { COMMAND_LASTS };
-        let given_up = relay.given.take_if(|given| uptime.saturating_sub(given.at) > lasts(given));
+        let is_late = |given: &Given| uptime.saturating_sub(given.at) > lasts(given);
+        let given_up = relay.given.iter().position(is_late).map(|place| relay.given.remove(place));
         // The first block of a boot runs nothing, so nothing is given in it. A computer that claims the charge waits until it has it;
         // one that does not is refused, which is for its operator to see.
-        if relay.given.is_none()
-            && (relay.lease.is_some() || !self.claims_charge && self.link.updates > 0)
-            && relay.blocks > 0
-            && let Some((act, command)) = relay.waiting.pop_front()
-        {
+        let may = (relay.lease.is_some() || !self.claims_charge && self.link.updates > 0) && relay.blocks > 0;
+        while may && relay.given.len() < SLOTS {
+            let overtakes = |waiting: &(Act, Command)| waiting.1.only_stops();
+            let next = if relay.given.is_empty() { Some(0) } else { relay.waiting.iter().position(overtakes) };
+            let Some((act, command)) = next.and_then(|place| relay.waiting.remove(place)) else { break };
             let counter = relay.counters.entry(command.code()).or_default();
             *counter = counter.wrapping_add(1);
-            relay.given = Some(Given { act, command, counter: *counter, at: uptime, accepted: false });
+            relay.given.push(Given { act, command, counter: *counter, at: uptime, accepted: false });
         }
         let slot = |given: &Given| {
             let age_s = uptime.saturating_sub(given.at).as_secs_f64();
@@ -190,7 +192,7 @@ impl FlightComputer {
 
     /// Commands that have not had their last reply.
     pub fn unanswered(&self) -> usize {
-        self.relay.waiting.len() + usize::from(self.relay.given.is_some())
+        self.relay.waiting.len() + self.relay.given.len()
     }
 }
 
@@ -236,5 +238,49 @@ mod tests {
             let body = message.body().unwrap();
             assert_eq!(Message::decode(message.kind() as u8, 1, &body), Ok((message, 0)));
         }
+    }
+
+    /// An update that holds the lease for the computer, with these replies to its commands.
+    fn granted(replies: &[(u32, &Given, crate::command::Stage)]) -> Update {
+        let reply = |(serial, given, stage): &(u32, &Given, crate::command::Stage)| CommandReply {
+            serial: (*serial).into(),
+            flight_computer: 1,
+            command: given.command.code(),
+            counter: given.counter.into(),
+            stage: (*stage).into(),
+            ..CommandReply::default()
+        };
+        let mut update = Update::default();
+        update.authority.you_are_in_charge = true;
+        update.control.lease_epoch = Some(3u32).into();
+        let replies: Vec<CommandReply> = replies.iter().map(reply).collect();
+        update.control = update.control.with_replies(&replies);
+        update
+    }
+
+    #[test]
+    fn commands_go_one_after_the_other_and_what_only_stops_things_at_once() {
+        let mut computer = FlightComputer { claims_charge: true, ..FlightComputer::new(1, 7) };
+        computer.connect();
+        for text in ["lens.set_focus 3030", "lens.get_focus", "lens.stop"] {
+            computer.relay(Act::Run, Command::parse(text).unwrap());
+        }
+        let given = |computer: &mut FlightComputer, seconds| {
+            let (block, _) = computer.block(Duration::from_secs(seconds));
+            block.slots().iter().map(|slot| slot.code).collect::<Vec<_>>()
+        };
+        assert!(given(&mut computer, 1).is_empty(), "nothing without the lease");
+        computer.on_update(&granted(&[]));
+        assert_eq!(given(&mut computer, 2), [23, 28]);
+        assert_eq!(given(&mut computer, 3), [23, 28], "until it is answered");
+        let [focus, stop] = [computer.relay.given[0], computer.relay.given[1]];
+        computer
+            .on_update(&granted(&[(1, &stop, crate::command::Stage::Completed), (2, &focus, crate::command::Stage::Accepted)]));
+        assert!(given(&mut computer, 4).is_empty(), "what is accepted need not be said again, and holds up the next");
+        computer.on_update(&granted(&[(3, &focus, crate::command::Stage::Failed)]));
+        assert_eq!(given(&mut computer, 5), [22]);
+        let (_, given_up) = computer.block(Duration::from_secs(5) + COMMAND_LASTS + Duration::from_secs(1));
+        assert_eq!(given_up.map(|given| given.command.to_string()), Some("lens.get_focus".to_owned()));
+        assert_eq!(computer.unanswered(), 0);
     }
 }

@@ -181,7 +181,7 @@ impl Camera {
         for one in set {
             run.args(["--set", one]);
         }
-        let child = run.stderr(Stdio::null()).spawn().unwrap();
+        let child = run.spawn().unwrap();
         let listens = (0..ATTEMPTS).any(|_| {
             std::thread::sleep(Duration::from_millis(50));
             TcpStream::connect(("127.0.0.1", port)).is_ok()
@@ -263,4 +263,41 @@ fn both_other_clients_command_the_running_service_with_a_key() {
         let (status, said) = send(&key, &["service.quit"]);
         assert_eq!((status, stages_of(&said)), (Some(1), vec!["rejected".to_owned()]));
     }
+}
+
+#[test]
+fn a_command_to_quit_is_answered_before_the_program_ends_and_a_camera_that_is_gone_is_given_up() {
+    let mut camera = Camera::start(&[]);
+    let fcp = |commands: &[&str]| {
+        let mut command = stars_fcp();
+        command.args(["--connect", &format!("127.0.0.1:{}", camera.port), "--in-charge", "--json", "--retry", "200ms"]);
+        for text in commands {
+            command.args(["--send", text]);
+        }
+        let output = command.output().unwrap();
+        (output.status.code(), stages_of(&lines(&output)))
+    };
+    assert_eq!(fcp(&["service.quit"]), (Some(1), vec!["rejected".to_owned()]));
+    let (status, stages) = fcp(&["arm service.quit", "fire service.quit"]);
+    assert_eq!((status, stages), (Some(0), ["accepted", "completed"].repeat(2).iter().map(|s| (*s).to_owned()).collect()));
+    assert_eq!(fcp(&["lens.stop"]), (Some(1), Vec::new()), "nobody is there any more");
+    assert!(camera.child.wait().unwrap().success());
+}
+
+/// The whole way of a focus: from a command of a flight computer by the lens's port, rendered frames and their solutions to the lens at rest
+/// in the best focus, where the sky is sharp.
+#[test]
+fn a_command_to_focus_ends_in_the_best_focus_of_the_simulated_sky() {
+    let camera = Camera::start(&["camera.kind=sky", "camera.period_s=0.25", "simulate.best_focus_counts=2950"]);
+    let mut command = stars_fcp();
+    command.args(["--connect", &format!("127.0.0.1:{}", camera.port), "--in-charge", "--json"]);
+    let output = command.args(["--send", "arm focus.run", "--send", "fire focus.run"]).output().unwrap();
+    let said = lines(&output);
+    let ended = said.iter().rfind(|line| line["kind"] == "command").unwrap();
+    assert_eq!(ended["stage"], "completed", "{ended}");
+    let words = ended["words"].as_str().unwrap();
+    let best: f64 = words.strip_prefix("best ").and_then(|rest| rest.split(' ').next()).unwrap().parse().unwrap();
+    assert!((best - 2950.0).abs() < 10.0, "{words}");
+    let last = said.iter().rfind(|line| line["kind"] == "update").unwrap();
+    assert!((last["focus_counts"].as_f64().unwrap() - 2950.0).abs() < 20.0, "{}", last["focus_counts"]);
 }

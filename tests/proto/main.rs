@@ -208,7 +208,7 @@ fn flatten(value: &Value, name: &str, flat: &mut Vec<(String, Value)>) {
     match value {
         Value::Object(fields) => fields.iter().for_each(|(inner, value)| flatten(value, &below(inner), flat)),
         // A matrix counts through.
-        Value::Array(rows) if rows.iter().all(Value::is_array) => {
+        Value::Array(rows) if !rows.is_empty() && rows.iter().all(Value::is_array) => {
             let all: Vec<Value> = rows.iter().flat_map(|row| row.as_array().unwrap().clone()).collect();
             flatten(&Value::Array(all), name, flat);
         }

@@ -189,7 +189,9 @@ fn may_end_with(name: &str, reply: &CommandReply) -> bool {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn every_command_is_taken_at_both_ends_of_its_range_and_ends_with_a_reason() {
-    let running = running().await;
+    let mut settings = lens_settings();
+    settings.network.update_period_s = 0.1;
+    let running = start(settings, Parts { camera: plain_camera(), solver: plain_solver(), lens: None }).await;
     let mut ground = Ground::of(&running, 1, true);
     ground.update(|update| update.camera.focus_counts.get().is_some()).await;
     let mut given = 0;
@@ -205,7 +207,8 @@ async fn every_command_is_taken_at_both_ends_of_its_range_and_ends_with_a_reason
                 loop {
                     let reply = ground.reply().await;
                     match reply.stage.get().unwrap() {
-                        Stage::Started => stop(&running.lens),
+                        _ if reply.command != command.code() => {}
+                        Stage::Started => ground.orders.send((Act::Run, Command::StopLens {})).await.unwrap(),
                         Stage::Completed if reply.words.to_string().starts_with("armed") => {}
                         stage if stage.is_last() => break reply,
                         _ => {}
@@ -253,6 +256,30 @@ async fn shut_down_restart_and_network_reset_run_the_programs_of_the_settings() 
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_network_without_flight_computers_is_reset_again_and_again_but_not_while_one_is_heard() {
+    let room = tempfile::tempdir().unwrap();
+    let mut settings = settings();
+    settings.commands.network_reset_program = program(room.path(), "reset", 0);
+    settings.commands.network_lull_s = 2.0;
+    let running = start(settings, Parts { camera: None, solver: plain_solver(), lens: None }).await;
+    let mut state = running.state.clone();
+    timeout(PATIENCE, state.wait_for(|state| state.network_resets >= 2)).await.expect("no reset").unwrap();
+    timeout(PATIENCE, async {
+        while !room.path().join("reset.ran").exists() {
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    })
+    .await
+    .expect("the program did not run");
+    let mut ground = Ground::of(&running, 1, false);
+    ground.update(|_| true).await;
+    let before = running.state.borrow().network_resets;
+    ground.update(|update| update.link.statuses_received.get() >= 8).await;
+    assert!(running.state.borrow().network_resets <= before + 1, "reset while a computer is heard");
+    assert!(running.stop().await.is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn known_good_leads_back_to_the_settings_of_the_start_with_the_lens_at_rest() {
     let running = running().await;
     let initial = running.state.borrow().settings.clone();
@@ -275,6 +302,39 @@ async fn known_good_leads_back_to_the_settings_of_the_start_with_the_lens_at_res
     assert_eq!(update.link.settings_hash.get(), initial.fingerprint() as u32);
     assert_eq!(running.state.borrow().settings, initial);
     assert!(!update.lens.lens_moving && update.lens.lens_stopped);
+    assert!(running.stop().await.is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn known_good_ends_the_autofocus_and_waits_for_a_move_that_has_begun() {
+    let mut settings = lens_settings();
+    settings.lens.simulated.speedup = 1.0;
+    settings.lens.simulated.speed_counts_s = 100.0;
+    let running = start(settings, Parts { camera: plain_camera(), solver: plain_solver(), lens: None }).await;
+    let mut ground = Ground::of(&running, 1, true);
+    ground.update(|update| update.camera.focus_counts.get().is_some()).await;
+    // The first move of the sweep takes seconds.
+    for act in [Act::Arm, Act::Fire] {
+        ground.orders.send((act, Command::parse("focus.run").unwrap())).await.unwrap();
+    }
+    ground.update(|update| update.lens.lens_moving).await;
+    ground.orders.send((Act::Run, Command::parse("service.known_good").unwrap())).await.unwrap();
+    let (mut sweep, mut rest) = (None, None);
+    while sweep.is_none() || rest.is_none() {
+        let reply = ground.reply().await;
+        let stage = reply.stage.get().unwrap();
+        match reply.command {
+            40 if stage.is_last() && reply.why.value().is_some() => sweep = Some(reply),
+            6 if stage.is_last() => {
+                let lens = std::sync::Arc::clone(&running.state.borrow().lens);
+                assert!(!lens.focus.is_moving(), "at rest, it is said, and it moves");
+                rest = Some(stage);
+            }
+            _ => {}
+        }
+    }
+    assert_eq!(sweep.unwrap().why.value(), Some(Refusal::Stopped));
+    assert_eq!(rest, Some(Stage::Completed));
     assert!(running.stop().await.is_empty());
 }
 

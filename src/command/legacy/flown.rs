@@ -4,7 +4,7 @@
 //! where the command means the same without it, and refuses the command where it does not; the interface control document says
 //! which is which.
 
-use super::super::dictionary::MAX_VALUES;
+use super::super::definition::MAX_VALUES;
 use super::{COMMANDS, Values};
 use crate::sky::{ARCSEC, DEG};
 

@@ -24,7 +24,7 @@ mod tests;
 
 pub use flown::{FLOWN, Flown, Meaning, meanings};
 
-use super::dictionary::MAX_VALUES;
+use super::definition::MAX_VALUES;
 use super::in_charge::{LASTING, Tick};
 use super::reply::Refusal;
 use std::time::Duration;

@@ -8,9 +8,9 @@ mod answer;
 mod orders;
 
 use super::hub::ToHub;
-use super::listener::{PAUSES, tune};
+use super::listener::{keep_session, next_connection};
 use super::session::{Closed, Shared};
-use super::supervisor::{Ended, panic_message};
+use super::supervisor::Ended;
 use crate::command::FlightComputer;
 use crate::settings::LegacySettings;
 use crate::wire::legacy::{BLOCK_BYTES, Block};
@@ -25,7 +25,6 @@ use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
 use tokio::time::{Instant, MissedTickBehavior};
 use tokio_util::task::TaskTracker;
-use tracing::Instrument;
 
 /// Time from a connection to the first answer, and from one answer to the next, as they flew.
 const FIRST_ANSWER: Duration = Duration::from_millis(250);
@@ -77,28 +76,10 @@ impl LegacyListener {
     /// Takes connections until stopped.
     pub async fn run(self) -> Result<(), Ended> {
         tracing::info!(address = ?self.address(), "serving the legacy dialect");
-        let mut pause = PAUSES.0;
-        loop {
-            let accepted = tokio::select! {
-                biased;
-                () = self.shared.stop.cancelled() => return Ok(()),
-                accepted = self.socket.accept() => accepted,
-            };
-            match accepted {
-                Ok((stream, address)) => {
-                    pause = PAUSES.0;
-                    if let Err(error) = tune(&stream, self.shared.settings.network.silence_s) {
-                        tracing::warn!(%address, %error, "socket options");
-                    }
-                    self.take(stream, address).await;
-                }
-                Err(error) => {
-                    tracing::warn!(%error, "no connection could be taken");
-                    let _ = self.shared.stop.run_until_cancelled(tokio::time::sleep(pause)).await;
-                    pause = (pause * 2).min(PAUSES.1);
-                }
-            }
+        while let Some((stream, address)) = next_connection(&self.socket, &self.shared).await {
+            self.take(stream, address).await;
         }
+        Ok(())
     }
 
     /// Which flight computer has an address.
@@ -124,19 +105,8 @@ impl LegacyListener {
             }
         };
         let session = Session { computer, connection, accepted: Instant::now(), shared: Arc::clone(&self.shared) };
-        let hub = self.shared.hub.clone();
         let span = tracing::info_span!("legacy", connection, %address);
-        let watched = async move {
-            match tokio::spawn(session.run(stream).in_current_span()).await {
-                Ok(why) => tracing::info!(?why, "connection closed"),
-                Err(error) => {
-                    tracing::error!(why = panic_message(error), "session broke");
-                    hub.tell(ToHub::Closed { connection, why: Closed::Broke }).await;
-                }
-            }
-            drop(place);
-        };
-        self.tracker.spawn(watched.instrument(span));
+        keep_session(&self.tracker, &self.shared, connection, session.run(stream), place, span);
     }
 }
 

@@ -3,7 +3,7 @@
 use super::super::hub::Hub;
 use super::super::state::State;
 use crate::command::legacy::{FLOWN, Finding, Meaning, Values, meanings};
-use crate::command::{Authenticity, BootId, FlightComputer, Refusal, Sender, Situation, Stage, Tick, Verdict, admit};
+use crate::command::{Authenticity, BootId, FlightComputer, Refusal, Sender, Situation, Tick, Verdict, admit};
 use crate::wire::legacy::Block;
 use std::time::Duration;
 use tokio::time::Instant;
@@ -67,20 +67,11 @@ impl Hub {
         meanings(index, values).into_iter().map(verdict).collect()
     }
 
-    /// A verdict goes to the desk. Its ground cannot be told what was refused, so that the log says it, as often as a reply does.
+    /// A verdict goes to the desk, as a native one does. Its ground cannot be told what was refused, but the log is.
     fn take_legacy_verdict(&self, state: &mut State, now: Tick, computer: FlightComputer, mut verdict: Verdict) {
         if let Verdict::Run(order) = &mut verdict {
             order.act = state.desk.act(now, computer, &order.command, state.focus());
         }
-        let before = state.desk.replies.last().map(|reply| reply.serial);
-        let step = state.desk.take(now, computer, verdict, state.focus());
-        if let Some(reply) = state.desk.replies.last()
-            && reply.stage == Stage::Rejected
-            && Some(reply.serial) != before
-        {
-            let (code, counter, why, detail) = (reply.code, reply.counter, reply.why, &reply.detail);
-            tracing::info!(computer = computer.0, code, counter, ?why, detail, "legacy command refused");
-        }
-        self.follow(state, now, step);
+        self.take_verdict(state, now, computer, verdict);
     }
 }
