@@ -346,7 +346,7 @@ static void print_command_reply(const stars_command_reply_t *m)
         printf("null");
     else
     {
-        print_code(m->why, (const char *const[]){"not_in_charge", "stale", "replayed", "out_of_range", "busy", "not_armed", "unknown_command", "unsafe_state", "not_authentic", "half_changed", "early", "wrong_boot", "not_available", "not_kept", "stopped", "device", "program", "dialect", "no_result"});
+        print_code(m->why, (const char *const[]){"not_in_charge", "stale", "replayed", "out_of_range", "busy", "not_armed", "unknown_command", "unsafe_state", "not_authentic", "half_changed", "early", "wrong_boot", "not_available", "not_kept", "stopped", "device", "program", "dialect", "no_result", "restarted"});
     }
     printf(", \"reply_age_s\": ");
     {
@@ -477,7 +477,7 @@ static void print_update(const stars_update_t *m)
         printf("null");
     else
     {
-        print_code(m->last_refusal, (const char *const[]){"not_in_charge", "stale", "replayed", "out_of_range", "busy", "not_armed", "unknown_command", "unsafe_state", "not_authentic", "half_changed", "early", "wrong_boot", "not_available", "not_kept", "stopped", "device", "program", "dialect", "no_result"});
+        print_code(m->last_refusal, (const char *const[]){"not_in_charge", "stale", "replayed", "out_of_range", "busy", "not_armed", "unknown_command", "unsafe_state", "not_authentic", "half_changed", "early", "wrong_boot", "not_available", "not_kept", "stopped", "device", "program", "dialect", "no_result", "restarted"});
     }
     printf(", \"frames_taken\": ");
     {
@@ -1195,7 +1195,7 @@ static void print_update(const stars_update_t *m)
     printf(", \"refused\": ");
     {
         printf("[");
-        for (size_t i = 0; i < 19; i++) {
+        for (size_t i = 0; i < 20; i++) {
         printf(i ? ", " : "");
         printf("%lu", (unsigned long)m->refused[i]);
         }
@@ -1569,6 +1569,10 @@ static void print_update(const stars_update_t *m)
     else
     {
         print_code(m->last_end, (const char *const[]){"clean", "commanded", "crashed", "computer_restarted"});
+    }
+    printf(", \"kept_at_start\": ");
+    {
+        print_code(m->kept_at_start, (const char *const[]){"nothing", "whole", "one_copy", "damaged"});
     }
     printf(", \"restarts_lens\": ");
     {

@@ -38,7 +38,7 @@ CODES = {
     "command_refusal": [
         "not_in_charge", "stale", "replayed", "out_of_range", "busy", "not_armed", "unknown_command", "unsafe_state",
         "not_authentic", "half_changed", "early", "wrong_boot", "not_available", "not_kept", "stopped", "device",
-        "program", "dialect", "no_result",
+        "program", "dialect", "no_result", "restarted",
     ],
     "doubt": [
         "no_lens", "never_read", "requested", "not_read_back", "timed_out", "unexpected_reply", "refused", "port_lost",
@@ -60,6 +60,7 @@ CODES = {
     ],
     "mode": ["normal", "robust"],
     "last_end": ["clean", "commanded", "crashed", "computer_restarted"],
+    "found": ["nothing", "whole", "one_copy", "damaged"],
     "actor": ["camera", "lens", "solver", "hub", "recorder", "ledger", "listener", "session", "housekeeping", "legacy_listener"],
 }
 
@@ -235,7 +236,7 @@ LAYOUTS = {
         authentication_required ?
         authentication_key ?
         counters_kept ?
-        refused 19I
+        refused 20I
         settings_commanded H
         replies_count B
         replies 32{
@@ -299,6 +300,7 @@ LAYOUTS = {
         disk_days_left ?d
         run_number ?I
         last_end ?B=last_end
+        kept_at_start B=found
         restarts_lens I
         restarts_ledger I
         restarts_housekeeping I
@@ -680,6 +682,9 @@ class Client:
                 elif name == "refuse":
                     return f"refused: {values['refusal']}: {values['detail']}"
                 elif name == "update" and not self.done():
+                    if values["boot_id"] != camera_boot:
+                        # It was started again on the same connection, and counts its replies from 1.
+                        camera_boot, self.relay.acknowledged = values["boot_id"], 0
                     received, last = received + 1, values["sequence"]
                     self.updates += 1
                     lease = values["lease_epoch"] if values["you_are_in_charge"] else None

@@ -27,7 +27,7 @@
 #define STARS_PORT 2017
 #define STARS_VERSION_MIN 1
 #define STARS_VERSION_CURRENT 2
-#define STARS_SCHEMA_HASH UINT32_C(0x3f6b0134)
+#define STARS_SCHEMA_HASH UINT32_C(0x04fc5a36)
 #define STARS_SYNC UINT32_C(0x1dfccf1a)
 #define STARS_MAX_FRAME 65536
 
@@ -97,6 +97,7 @@ enum {
     STARS_WHY_PROGRAM = 17,
     STARS_WHY_DIALECT = 18,
     STARS_WHY_NO_RESULT = 19,
+    STARS_WHY_RESTARTED = 20,
 };
 
 /* Codes of `reason`; 0 is never valid. */
@@ -184,6 +185,14 @@ enum {
     STARS_LAST_END_COMMANDED = 2,
     STARS_LAST_END_CRASHED = 3,
     STARS_LAST_END_COMPUTER_RESTARTED = 4,
+};
+
+/* Codes of `kept_at_start`; 0 is never valid. */
+enum {
+    STARS_KEPT_AT_START_NOTHING = 1,
+    STARS_KEPT_AT_START_WHOLE = 2,
+    STARS_KEPT_AT_START_ONE_COPY = 3,
+    STARS_KEPT_AT_START_DAMAGED = 4,
 };
 
 /* Codes of `last_restart`; 0 is never valid. */
@@ -546,7 +555,7 @@ typedef struct STARS_PACKED {
     uint8_t authentication_required; /* Nothing runs whose sender does not show its key. */
     uint8_t authentication_key; /* There is a key for the receiver of this update. */
     uint8_t counters_kept; /* Counters of commands are kept on disk, so that none runs again after a restart. */
-    uint32_t refused[19]; /* Commands refused since the camera's start, by the codes of `last_refusal`. */
+    uint32_t refused[20]; /* Commands refused since the camera's start, by the codes of `last_refusal`. */
     uint16_t settings_commanded; /* Settings that commands have changed from the values of the start. */
     uint8_t replies_count; /* How many of the replies below there are. */
     stars_command_reply_t replies[32]; /* Replies that the receiver has not acknowledged, oldest first; of more than 32 the last. */
@@ -617,6 +626,7 @@ typedef struct STARS_PACKED {
     uint32_t run_number; /* Counts the runs of the service on this computer, from 1; unknown where nothing is kept. */
     uint8_t last_end_known; /* Whether `last_end` is known. */
     uint8_t last_end; /* How the run before this one ended. */
+    uint8_t kept_at_start; /* What was found at the start of what earlier runs kept: counters of commands, commanded settings, the focus. */
     uint32_t restarts_lens; /* Times that the lens's actor was started again. */
     uint32_t restarts_ledger; /* Times that the ledger was started again. */
     uint32_t restarts_housekeeping; /* Times that the housekeeping was started again. */
@@ -626,7 +636,7 @@ typedef struct STARS_PACKED {
     uint8_t last_restart_age_s_known; /* Whether `last_restart_age_s` is known. */
     double last_restart_age_s; /* Time since then. [s] */
 } stars_update_t;
-STARS_ASSERT(sizeof(stars_update_t) == 4532, "stars_update_t");
+STARS_ASSERT(sizeof(stars_update_t) == 4537, "stars_update_t");
 STARS_ASSERT(offsetof(stars_update_t, sequence) == 0, "stars_update_t.sequence");
 STARS_ASSERT(offsetof(stars_update_t, boot_id) == 4, "stars_update_t.boot_id");
 STARS_ASSERT(offsetof(stars_update_t, uptime_s) == 8, "stars_update_t.uptime_s");
@@ -775,84 +785,85 @@ STARS_ASSERT(offsetof(stars_update_t, authentication_required) == 1364, "stars_u
 STARS_ASSERT(offsetof(stars_update_t, authentication_key) == 1365, "stars_update_t.authentication_key");
 STARS_ASSERT(offsetof(stars_update_t, counters_kept) == 1366, "stars_update_t.counters_kept");
 STARS_ASSERT(offsetof(stars_update_t, refused) == 1367, "stars_update_t.refused");
-STARS_ASSERT(offsetof(stars_update_t, settings_commanded) == 1443, "stars_update_t.settings_commanded");
-STARS_ASSERT(offsetof(stars_update_t, replies_count) == 1445, "stars_update_t.replies_count");
-STARS_ASSERT(offsetof(stars_update_t, replies) == 1446, "stars_update_t.replies");
-STARS_ASSERT(offsetof(stars_update_t, lens_connected) == 4166, "stars_update_t.lens_connected");
-STARS_ASSERT(offsetof(stars_update_t, lens_moving) == 4167, "stars_update_t.lens_moving");
-STARS_ASSERT(offsetof(stars_update_t, lens_stopped) == 4168, "stars_update_t.lens_stopped");
-STARS_ASSERT(offsetof(stars_update_t, focus_doubt_known) == 4169, "stars_update_t.focus_doubt_known");
-STARS_ASSERT(offsetof(stars_update_t, focus_doubt) == 4170, "stars_update_t.focus_doubt");
-STARS_ASSERT(offsetof(stars_update_t, aperture_doubt_known) == 4171, "stars_update_t.aperture_doubt_known");
-STARS_ASSERT(offsetof(stars_update_t, aperture_doubt) == 4172, "stars_update_t.aperture_doubt");
-STARS_ASSERT(offsetof(stars_update_t, focus_range_known) == 4173, "stars_update_t.focus_range_known");
-STARS_ASSERT(offsetof(stars_update_t, focus_nearest_counts) == 4174, "stars_update_t.focus_nearest_counts");
-STARS_ASSERT(offsetof(stars_update_t, focus_furthest_counts) == 4178, "stars_update_t.focus_furthest_counts");
-STARS_ASSERT(offsetof(stars_update_t, lens_requests) == 4182, "stars_update_t.lens_requests");
-STARS_ASSERT(offsetof(stars_update_t, lens_errors) == 4183, "stars_update_t.lens_errors");
-STARS_ASSERT(offsetof(stars_update_t, lens_last_error) == 4187, "stars_update_t.lens_last_error");
-STARS_ASSERT(offsetof(stars_update_t, autofocus_mode) == 4251, "stars_update_t.autofocus_mode");
-STARS_ASSERT(offsetof(stars_update_t, autofocus_requested_counts_known) == 4252, "stars_update_t.autofocus_requested_counts_known");
-STARS_ASSERT(offsetof(stars_update_t, autofocus_requested_counts) == 4253, "stars_update_t.autofocus_requested_counts");
-STARS_ASSERT(offsetof(stars_update_t, autofocus_run_age_s_known) == 4257, "stars_update_t.autofocus_run_age_s_known");
-STARS_ASSERT(offsetof(stars_update_t, autofocus_run_age_s) == 4258, "stars_update_t.autofocus_run_age_s");
-STARS_ASSERT(offsetof(stars_update_t, autofocus_time_left_s_known) == 4266, "stars_update_t.autofocus_time_left_s_known");
-STARS_ASSERT(offsetof(stars_update_t, autofocus_time_left_s) == 4267, "stars_update_t.autofocus_time_left_s");
-STARS_ASSERT(offsetof(stars_update_t, autofocus_images) == 4275, "stars_update_t.autofocus_images");
-STARS_ASSERT(offsetof(stars_update_t, autofocus_best_known) == 4277, "stars_update_t.autofocus_best_known");
-STARS_ASSERT(offsetof(stars_update_t, best_focus_counts) == 4278, "stars_update_t.best_focus_counts");
-STARS_ASSERT(offsetof(stars_update_t, sigma_best_focus_counts) == 4286, "stars_update_t.sigma_best_focus_counts");
-STARS_ASSERT(offsetof(stars_update_t, best_focus_drift_counts_min) == 4294, "stars_update_t.best_focus_drift_counts_min");
-STARS_ASSERT(offsetof(stars_update_t, autofocus_ending_known) == 4302, "stars_update_t.autofocus_ending_known");
-STARS_ASSERT(offsetof(stars_update_t, autofocus_ending) == 4303, "stars_update_t.autofocus_ending");
-STARS_ASSERT(offsetof(stars_update_t, focus_estimate_known) == 4304, "stars_update_t.focus_estimate_known");
-STARS_ASSERT(offsetof(stars_update_t, star_width_px) == 4305, "stars_update_t.star_width_px");
-STARS_ASSERT(offsetof(stars_update_t, focus_distance_counts) == 4313, "stars_update_t.focus_distance_counts");
-STARS_ASSERT(offsetof(stars_update_t, sigma_focus_distance_counts) == 4321, "stars_update_t.sigma_focus_distance_counts");
-STARS_ASSERT(offsetof(stars_update_t, focus_distance_calibrated) == 4329, "stars_update_t.focus_distance_calibrated");
-STARS_ASSERT(offsetof(stars_update_t, star_width_px_per_hour_known) == 4330, "stars_update_t.star_width_px_per_hour_known");
-STARS_ASSERT(offsetof(stars_update_t, star_width_px_per_hour) == 4331, "stars_update_t.star_width_px_per_hour");
-STARS_ASSERT(offsetof(stars_update_t, star_width_px_per_kelvin_known) == 4339, "stars_update_t.star_width_px_per_kelvin_known");
-STARS_ASSERT(offsetof(stars_update_t, star_width_px_per_kelvin) == 4340, "stars_update_t.star_width_px_per_kelvin");
-STARS_ASSERT(offsetof(stars_update_t, simulated_housekeeping) == 4348, "stars_update_t.simulated_housekeeping");
-STARS_ASSERT(offsetof(stars_update_t, temperature_lens_age_s_known) == 4349, "stars_update_t.temperature_lens_age_s_known");
-STARS_ASSERT(offsetof(stars_update_t, temperature_lens_age_s) == 4350, "stars_update_t.temperature_lens_age_s");
-STARS_ASSERT(offsetof(stars_update_t, temperature_computer_age_s_known) == 4358, "stars_update_t.temperature_computer_age_s_known");
-STARS_ASSERT(offsetof(stars_update_t, temperature_computer_age_s) == 4359, "stars_update_t.temperature_computer_age_s");
-STARS_ASSERT(offsetof(stars_update_t, temperature_vessel_age_s_known) == 4367, "stars_update_t.temperature_vessel_age_s_known");
-STARS_ASSERT(offsetof(stars_update_t, temperature_vessel_age_s) == 4368, "stars_update_t.temperature_vessel_age_s");
-STARS_ASSERT(offsetof(stars_update_t, temperature_plate_age_s_known) == 4376, "stars_update_t.temperature_plate_age_s_known");
-STARS_ASSERT(offsetof(stars_update_t, temperature_plate_age_s) == 4377, "stars_update_t.temperature_plate_age_s");
-STARS_ASSERT(offsetof(stars_update_t, temperature_dcdc_age_s_known) == 4385, "stars_update_t.temperature_dcdc_age_s_known");
-STARS_ASSERT(offsetof(stars_update_t, temperature_dcdc_age_s) == 4386, "stars_update_t.temperature_dcdc_age_s");
-STARS_ASSERT(offsetof(stars_update_t, temperature_flange_age_s_known) == 4394, "stars_update_t.temperature_flange_age_s_known");
-STARS_ASSERT(offsetof(stars_update_t, temperature_flange_age_s) == 4395, "stars_update_t.temperature_flange_age_s");
-STARS_ASSERT(offsetof(stars_update_t, pressure_age_s_known) == 4403, "stars_update_t.pressure_age_s_known");
-STARS_ASSERT(offsetof(stars_update_t, pressure_age_s) == 4404, "stars_update_t.pressure_age_s");
-STARS_ASSERT(offsetof(stars_update_t, disk_free_age_s_known) == 4412, "stars_update_t.disk_free_age_s_known");
-STARS_ASSERT(offsetof(stars_update_t, disk_free_age_s) == 4413, "stars_update_t.disk_free_age_s");
-STARS_ASSERT(offsetof(stars_update_t, temperature_lens_alarm) == 4421, "stars_update_t.temperature_lens_alarm");
-STARS_ASSERT(offsetof(stars_update_t, temperature_computer_alarm) == 4422, "stars_update_t.temperature_computer_alarm");
-STARS_ASSERT(offsetof(stars_update_t, temperature_vessel_alarm) == 4423, "stars_update_t.temperature_vessel_alarm");
-STARS_ASSERT(offsetof(stars_update_t, temperature_plate_alarm) == 4424, "stars_update_t.temperature_plate_alarm");
-STARS_ASSERT(offsetof(stars_update_t, temperature_dcdc_alarm) == 4425, "stars_update_t.temperature_dcdc_alarm");
-STARS_ASSERT(offsetof(stars_update_t, temperature_flange_alarm) == 4426, "stars_update_t.temperature_flange_alarm");
-STARS_ASSERT(offsetof(stars_update_t, pressure_alarm) == 4427, "stars_update_t.pressure_alarm");
-STARS_ASSERT(offsetof(stars_update_t, disk_free_alarm) == 4428, "stars_update_t.disk_free_alarm");
-STARS_ASSERT(offsetof(stars_update_t, disk_days_left_known) == 4429, "stars_update_t.disk_days_left_known");
-STARS_ASSERT(offsetof(stars_update_t, disk_days_left) == 4430, "stars_update_t.disk_days_left");
-STARS_ASSERT(offsetof(stars_update_t, run_number_known) == 4438, "stars_update_t.run_number_known");
-STARS_ASSERT(offsetof(stars_update_t, run_number) == 4439, "stars_update_t.run_number");
-STARS_ASSERT(offsetof(stars_update_t, last_end_known) == 4443, "stars_update_t.last_end_known");
-STARS_ASSERT(offsetof(stars_update_t, last_end) == 4444, "stars_update_t.last_end");
-STARS_ASSERT(offsetof(stars_update_t, restarts_lens) == 4445, "stars_update_t.restarts_lens");
-STARS_ASSERT(offsetof(stars_update_t, restarts_ledger) == 4449, "stars_update_t.restarts_ledger");
-STARS_ASSERT(offsetof(stars_update_t, restarts_housekeeping) == 4453, "stars_update_t.restarts_housekeeping");
-STARS_ASSERT(offsetof(stars_update_t, last_restart_known) == 4457, "stars_update_t.last_restart_known");
-STARS_ASSERT(offsetof(stars_update_t, last_restart) == 4458, "stars_update_t.last_restart");
-STARS_ASSERT(offsetof(stars_update_t, last_restart_reason) == 4459, "stars_update_t.last_restart_reason");
-STARS_ASSERT(offsetof(stars_update_t, last_restart_age_s_known) == 4523, "stars_update_t.last_restart_age_s_known");
-STARS_ASSERT(offsetof(stars_update_t, last_restart_age_s) == 4524, "stars_update_t.last_restart_age_s");
+STARS_ASSERT(offsetof(stars_update_t, settings_commanded) == 1447, "stars_update_t.settings_commanded");
+STARS_ASSERT(offsetof(stars_update_t, replies_count) == 1449, "stars_update_t.replies_count");
+STARS_ASSERT(offsetof(stars_update_t, replies) == 1450, "stars_update_t.replies");
+STARS_ASSERT(offsetof(stars_update_t, lens_connected) == 4170, "stars_update_t.lens_connected");
+STARS_ASSERT(offsetof(stars_update_t, lens_moving) == 4171, "stars_update_t.lens_moving");
+STARS_ASSERT(offsetof(stars_update_t, lens_stopped) == 4172, "stars_update_t.lens_stopped");
+STARS_ASSERT(offsetof(stars_update_t, focus_doubt_known) == 4173, "stars_update_t.focus_doubt_known");
+STARS_ASSERT(offsetof(stars_update_t, focus_doubt) == 4174, "stars_update_t.focus_doubt");
+STARS_ASSERT(offsetof(stars_update_t, aperture_doubt_known) == 4175, "stars_update_t.aperture_doubt_known");
+STARS_ASSERT(offsetof(stars_update_t, aperture_doubt) == 4176, "stars_update_t.aperture_doubt");
+STARS_ASSERT(offsetof(stars_update_t, focus_range_known) == 4177, "stars_update_t.focus_range_known");
+STARS_ASSERT(offsetof(stars_update_t, focus_nearest_counts) == 4178, "stars_update_t.focus_nearest_counts");
+STARS_ASSERT(offsetof(stars_update_t, focus_furthest_counts) == 4182, "stars_update_t.focus_furthest_counts");
+STARS_ASSERT(offsetof(stars_update_t, lens_requests) == 4186, "stars_update_t.lens_requests");
+STARS_ASSERT(offsetof(stars_update_t, lens_errors) == 4187, "stars_update_t.lens_errors");
+STARS_ASSERT(offsetof(stars_update_t, lens_last_error) == 4191, "stars_update_t.lens_last_error");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_mode) == 4255, "stars_update_t.autofocus_mode");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_requested_counts_known) == 4256, "stars_update_t.autofocus_requested_counts_known");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_requested_counts) == 4257, "stars_update_t.autofocus_requested_counts");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_run_age_s_known) == 4261, "stars_update_t.autofocus_run_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_run_age_s) == 4262, "stars_update_t.autofocus_run_age_s");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_time_left_s_known) == 4270, "stars_update_t.autofocus_time_left_s_known");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_time_left_s) == 4271, "stars_update_t.autofocus_time_left_s");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_images) == 4279, "stars_update_t.autofocus_images");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_best_known) == 4281, "stars_update_t.autofocus_best_known");
+STARS_ASSERT(offsetof(stars_update_t, best_focus_counts) == 4282, "stars_update_t.best_focus_counts");
+STARS_ASSERT(offsetof(stars_update_t, sigma_best_focus_counts) == 4290, "stars_update_t.sigma_best_focus_counts");
+STARS_ASSERT(offsetof(stars_update_t, best_focus_drift_counts_min) == 4298, "stars_update_t.best_focus_drift_counts_min");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_ending_known) == 4306, "stars_update_t.autofocus_ending_known");
+STARS_ASSERT(offsetof(stars_update_t, autofocus_ending) == 4307, "stars_update_t.autofocus_ending");
+STARS_ASSERT(offsetof(stars_update_t, focus_estimate_known) == 4308, "stars_update_t.focus_estimate_known");
+STARS_ASSERT(offsetof(stars_update_t, star_width_px) == 4309, "stars_update_t.star_width_px");
+STARS_ASSERT(offsetof(stars_update_t, focus_distance_counts) == 4317, "stars_update_t.focus_distance_counts");
+STARS_ASSERT(offsetof(stars_update_t, sigma_focus_distance_counts) == 4325, "stars_update_t.sigma_focus_distance_counts");
+STARS_ASSERT(offsetof(stars_update_t, focus_distance_calibrated) == 4333, "stars_update_t.focus_distance_calibrated");
+STARS_ASSERT(offsetof(stars_update_t, star_width_px_per_hour_known) == 4334, "stars_update_t.star_width_px_per_hour_known");
+STARS_ASSERT(offsetof(stars_update_t, star_width_px_per_hour) == 4335, "stars_update_t.star_width_px_per_hour");
+STARS_ASSERT(offsetof(stars_update_t, star_width_px_per_kelvin_known) == 4343, "stars_update_t.star_width_px_per_kelvin_known");
+STARS_ASSERT(offsetof(stars_update_t, star_width_px_per_kelvin) == 4344, "stars_update_t.star_width_px_per_kelvin");
+STARS_ASSERT(offsetof(stars_update_t, simulated_housekeeping) == 4352, "stars_update_t.simulated_housekeeping");
+STARS_ASSERT(offsetof(stars_update_t, temperature_lens_age_s_known) == 4353, "stars_update_t.temperature_lens_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_lens_age_s) == 4354, "stars_update_t.temperature_lens_age_s");
+STARS_ASSERT(offsetof(stars_update_t, temperature_computer_age_s_known) == 4362, "stars_update_t.temperature_computer_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_computer_age_s) == 4363, "stars_update_t.temperature_computer_age_s");
+STARS_ASSERT(offsetof(stars_update_t, temperature_vessel_age_s_known) == 4371, "stars_update_t.temperature_vessel_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_vessel_age_s) == 4372, "stars_update_t.temperature_vessel_age_s");
+STARS_ASSERT(offsetof(stars_update_t, temperature_plate_age_s_known) == 4380, "stars_update_t.temperature_plate_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_plate_age_s) == 4381, "stars_update_t.temperature_plate_age_s");
+STARS_ASSERT(offsetof(stars_update_t, temperature_dcdc_age_s_known) == 4389, "stars_update_t.temperature_dcdc_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_dcdc_age_s) == 4390, "stars_update_t.temperature_dcdc_age_s");
+STARS_ASSERT(offsetof(stars_update_t, temperature_flange_age_s_known) == 4398, "stars_update_t.temperature_flange_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, temperature_flange_age_s) == 4399, "stars_update_t.temperature_flange_age_s");
+STARS_ASSERT(offsetof(stars_update_t, pressure_age_s_known) == 4407, "stars_update_t.pressure_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, pressure_age_s) == 4408, "stars_update_t.pressure_age_s");
+STARS_ASSERT(offsetof(stars_update_t, disk_free_age_s_known) == 4416, "stars_update_t.disk_free_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, disk_free_age_s) == 4417, "stars_update_t.disk_free_age_s");
+STARS_ASSERT(offsetof(stars_update_t, temperature_lens_alarm) == 4425, "stars_update_t.temperature_lens_alarm");
+STARS_ASSERT(offsetof(stars_update_t, temperature_computer_alarm) == 4426, "stars_update_t.temperature_computer_alarm");
+STARS_ASSERT(offsetof(stars_update_t, temperature_vessel_alarm) == 4427, "stars_update_t.temperature_vessel_alarm");
+STARS_ASSERT(offsetof(stars_update_t, temperature_plate_alarm) == 4428, "stars_update_t.temperature_plate_alarm");
+STARS_ASSERT(offsetof(stars_update_t, temperature_dcdc_alarm) == 4429, "stars_update_t.temperature_dcdc_alarm");
+STARS_ASSERT(offsetof(stars_update_t, temperature_flange_alarm) == 4430, "stars_update_t.temperature_flange_alarm");
+STARS_ASSERT(offsetof(stars_update_t, pressure_alarm) == 4431, "stars_update_t.pressure_alarm");
+STARS_ASSERT(offsetof(stars_update_t, disk_free_alarm) == 4432, "stars_update_t.disk_free_alarm");
+STARS_ASSERT(offsetof(stars_update_t, disk_days_left_known) == 4433, "stars_update_t.disk_days_left_known");
+STARS_ASSERT(offsetof(stars_update_t, disk_days_left) == 4434, "stars_update_t.disk_days_left");
+STARS_ASSERT(offsetof(stars_update_t, run_number_known) == 4442, "stars_update_t.run_number_known");
+STARS_ASSERT(offsetof(stars_update_t, run_number) == 4443, "stars_update_t.run_number");
+STARS_ASSERT(offsetof(stars_update_t, last_end_known) == 4447, "stars_update_t.last_end_known");
+STARS_ASSERT(offsetof(stars_update_t, last_end) == 4448, "stars_update_t.last_end");
+STARS_ASSERT(offsetof(stars_update_t, kept_at_start) == 4449, "stars_update_t.kept_at_start");
+STARS_ASSERT(offsetof(stars_update_t, restarts_lens) == 4450, "stars_update_t.restarts_lens");
+STARS_ASSERT(offsetof(stars_update_t, restarts_ledger) == 4454, "stars_update_t.restarts_ledger");
+STARS_ASSERT(offsetof(stars_update_t, restarts_housekeeping) == 4458, "stars_update_t.restarts_housekeeping");
+STARS_ASSERT(offsetof(stars_update_t, last_restart_known) == 4462, "stars_update_t.last_restart_known");
+STARS_ASSERT(offsetof(stars_update_t, last_restart) == 4463, "stars_update_t.last_restart");
+STARS_ASSERT(offsetof(stars_update_t, last_restart_reason) == 4464, "stars_update_t.last_restart_reason");
+STARS_ASSERT(offsetof(stars_update_t, last_restart_age_s_known) == 4528, "stars_update_t.last_restart_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, last_restart_age_s) == 4529, "stars_update_t.last_restart_age_s");
 
 /* One exposure of a series. */
 typedef struct STARS_PACKED {

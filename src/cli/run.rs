@@ -1,9 +1,10 @@
 //! `stars run`: the flight service.
 
 use super::{ConfigArgs, NEGATIVE};
-use crate::service::{self, Running};
-use crate::settings::parse_span;
+use crate::service::{self, Inherited, Manager, Running};
+use crate::settings::{Settings, parse_span};
 use anyhow::Context;
+use std::convert::Infallible;
 use std::io::IsTerminal;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -47,10 +48,14 @@ impl Args {
         let ended = runtime.block_on(async {
             let stop = stop_signal()?;
             let farewell = Duration::from_secs_f64(FAREWELL_UPDATES * settings.network.update_period_s);
-            let running = service::start(settings).await?;
+            let silent_for = silent_for(&settings);
+            let manager = Manager::of_this_process();
+            let running = service::start(settings, Inherited::take(), manager.clone()).await?;
+            manager.ready();
             let mut state = running.state.clone();
             let why = tokio::select! {
                 why = until(stop, self.duration) => why,
+                never = watch(&running, &manager, silent_for) => match never {},
                 Ok(()) = async { state.wait_for(|state| state.ending.is_some()).await.map(drop) } => {
                     // The ground is told that its command was taken.
                     tokio::time::sleep(farewell).await;
@@ -58,10 +63,30 @@ impl Args {
                 }
             };
             tracing::info!(why, "stopping");
+            manager.stopping();
             anyhow::Ok(end(running).await)
         });
         runtime.shutdown_timeout(Duration::from_millis(100));
         ended
+    }
+}
+
+/// A part that has been silent for so long will not come back: one that hangs is started again sooner.
+fn silent_for(settings: &Settings) -> Duration {
+    let service = &settings.service;
+    Duration::from_secs_f64(2.0 * service.hang_s + service.restart_delay_max_s)
+}
+
+/// Tells the watchdog of the service manager that all is well, for as long as it is.
+async fn watch(running: &Running, manager: &Manager, silent_for: Duration) -> Infallible {
+    let Some(period) = manager.watchdog_period() else { return std::future::pending().await };
+    let mut ticks = tokio::time::interval(period);
+    loop {
+        ticks.tick().await;
+        match running.silent(silent_for) {
+            None => manager.alive(),
+            Some(actor) => tracing::error!(?actor, "it does not answer: the watchdog is not told that all is well"),
+        }
     }
 }
 

@@ -8,7 +8,7 @@ use super::definition::Hazard;
 use super::dictionary::Command;
 use super::guard::{Act, Order, Verdict};
 use super::in_charge::{BootId, FlightComputer, Tick};
-use super::reply::{Refusal, Replies, Reply, Stage};
+use super::reply::{Answer, REPLIES, Refusal, Replies, Reply, Stage};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
@@ -94,9 +94,27 @@ pub struct Desk {
 }
 
 impl Desk {
+    /// A desk that has to tell what an earlier run of the program had not told yet.
+    pub fn after(earlier: Vec<Answer>) -> Self {
+        Self { replies: Replies::after(earlier), ..Self::default() }
+    }
+
+    /// What would have to be told after a restart now: how commands ended, and that those under way did not end.
+    pub fn unanswered(&self) -> Vec<Answer> {
+        let broken = self.under_way.iter().map(|UnderWay { order, .. }| {
+            let (to, code, counter) = (order.from, order.command.code(), order.counter);
+            let (stage, why, detail) =
+                (Stage::Failed, Some(Refusal::Restarted), "the program ended before it was done".to_owned());
+            self.replies.answer(Reply { serial: 0, to, code, counter, stage, why, detail, at: Tick::ZERO })
+        });
+        let mut all: Vec<Answer> = self.replies.unanswered().chain(broken).collect();
+        all.drain(..all.len().saturating_sub(REPLIES));
+        all
+    }
+
     /// A computer connects. What another boot of it was told is not for this one.
-    pub fn begin(&mut self, computer: FlightComputer, boot: BootId) {
-        if self.replies.begin(computer, boot) {
+    pub fn begin(&mut self, now: Tick, computer: FlightComputer, boot: BootId) {
+        if self.replies.begin(now, computer, boot) {
             self.told.retain(|(who, _), _| *who != computer);
         }
     }
@@ -321,6 +339,38 @@ mod tests {
     }
 
     #[test]
+    fn what_was_not_told_before_a_restart_is_told_after_it_to_the_same_boot_alone() {
+        let mut desk = Desk::default();
+        desk.begin(at(0), FC, BootId(7));
+        for (counter, text) in [(1, "lens.get_focus"), (2, "camera.get_gain"), (3, "lens.flush"), (4, "solver.configure 1 20")] {
+            let Some(Step::Do(number, _)) = run(&mut desk, at(1), order(counter, Act::Run, text), AT_3000) else {
+                panic!("{text}")
+            };
+            if counter != 3 {
+                desk.report(at(2), number, Stage::Completed, None, format!("{counter} done"));
+            }
+            if counter == 1 {
+                let told = desk.replies.last().unwrap().serial;
+                desk.replies.acknowledge(FC, told);
+            }
+        }
+        let kept = desk.unanswered();
+        assert_eq!(kept.len(), 3);
+        let told = |boot| {
+            let mut desk = Desk::after(kept.clone());
+            desk.begin(at(0), FlightComputer(2), BootId(7));
+            assert_eq!(desk.unanswered(), kept, "another computer has nothing to do with it, and it waits on");
+            desk.begin(at(1), FC, BootId(boot));
+            let due: Vec<_> = desk.replies.due(FC).map(|reply| (reply.counter, reply.stage, reply.why)).collect();
+            assert_eq!(desk.unanswered().len(), due.len());
+            due
+        };
+        let (done, broken) = (Stage::Completed, (3, Stage::Failed, Some(Refusal::Restarted)));
+        assert_eq!(told(7), [(2, done, None), (4, done, None), broken]);
+        assert_eq!(told(8), []);
+    }
+
+    #[test]
     fn an_order_of_which_nothing_is_heard_fails_in_its_time_and_gives_its_place_back() {
         let mut desk = Desk::default();
         let start = |desk: &mut Desk, counter, text| {
@@ -407,7 +457,7 @@ mod tests {
     #[test]
     fn replies_are_due_until_acknowledged_and_the_last_32_are_kept() {
         let mut desk = Desk::default();
-        desk.begin(FC, BootId(1));
+        desk.begin(at(1), FC, BootId(1));
         for counter in 1..=20 {
             run(&mut desk, at(0), order(counter, Act::Arm, "service.quit"), AT_3000);
         }
@@ -417,9 +467,9 @@ mod tests {
         desk.replies.acknowledge(FC, serial - 3);
         desk.replies.acknowledge(FC, 1_000_000);
         assert_eq!(desk.replies.due(FC).count(), 22);
-        desk.begin(FC, BootId(1));
+        desk.begin(at(1), FC, BootId(1));
         assert_eq!(desk.replies.due(FC).count(), 22, "the same boot connects again");
-        desk.begin(FC, BootId(2));
+        desk.begin(at(1), FC, BootId(2));
         assert_eq!(desk.replies.due(FC).count(), 0, "what another boot was told is not for this one");
         assert_eq!(desk.replies.due(FlightComputer(2)).count(), 32);
     }

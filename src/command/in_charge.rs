@@ -27,7 +27,7 @@ pub struct FlightComputer(pub u8);
 pub struct BootId(pub u32);
 
 /// Number of a lease: each new one has the next.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, serde::Serialize, serde::Deserialize)]
 pub struct Epoch(pub u32);
 
 /// Monotonic time since a fixed moment.
@@ -157,6 +157,16 @@ impl InCharge {
     #[cfg(test)]
     pub(super) fn with(checks: Checks) -> Self {
         Self { checks, ..Self::default() }
+    }
+
+    /// An arbitration whose leases are numbered on after those of an earlier run.
+    pub fn after(epochs: Epoch) -> Self {
+        Self { epochs, ..Self::default() }
+    }
+
+    /// The number of the last lease that was granted.
+    pub fn last_epoch(&self) -> Epoch {
+        self.epochs
     }
 
     /// Takes note of an event at `now`, which never runs backwards.

@@ -30,5 +30,5 @@ pub use desk::{CommandCounts, Desk, Focus, OrderNumber, Step, UNDER_WAY};
 pub use dictionary::Command;
 pub use guard::{Act, Authenticity, Guard, Memory, Order, Sender, Situation, Slot, Verdict, admit};
 pub use in_charge::{BootId, Decision, Epoch, Event, FlightComputer, InCharge, LASTING, LEASE, Lease, Tick};
-pub use reply::{REPLIES, Refusal, Replies, Reply, Stage};
+pub use reply::{Answer, REPLIES, Refusal, Replies, Reply, Stage};
 pub use value::{Parameter, Shape, ShowFocus, Value};

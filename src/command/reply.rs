@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, VecDeque};
 pub const REPLIES: usize = 32;
 
 /// How far a command has come.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Stage {
     /// It passed every check and will be run.
@@ -30,7 +30,7 @@ impl Stage {
 }
 
 /// Why a command was refused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Refusal {
     /// Its computer does not hold the lease, or did not when it sent it.
@@ -71,6 +71,8 @@ pub enum Refusal {
     Dialect,
     /// It was done and led to nothing: no best focus was found.
     NoResult,
+    /// The program ended before it was done; how far it came is not known.
+    Restarted,
 }
 
 /// One stage of one command.
@@ -94,6 +96,18 @@ pub struct Reply {
     pub at: Tick,
 }
 
+/// How a command ended, kept until its computer has been told: over a restart of the program too.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Answer {
+    to: FlightComputer,
+    boot: BootId,
+    code: u8,
+    counter: u32,
+    stage: Stage,
+    why: Option<Refusal>,
+    detail: String,
+}
+
 /// The last replies.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Replies {
@@ -101,9 +115,30 @@ pub struct Replies {
     last: u32,
     /// The boot of each computer, and up to where it has acknowledged.
     acknowledged: BTreeMap<FlightComputer, (BootId, u32)>,
+    /// What an earlier run of the program had not told yet.
+    earlier: Vec<Answer>,
 }
 
 impl Replies {
+    /// With what an earlier run had not told yet.
+    pub fn after(earlier: Vec<Answer>) -> Self {
+        Self { earlier, ..Self::default() }
+    }
+
+    /// How commands ended, as far as their computers have not acknowledged it, oldest first.
+    pub fn unanswered(&self) -> impl Iterator<Item = Answer> {
+        let waits = |reply: &&Reply| reply.stage.is_last() && self.due(reply.to).any(|due| due.serial == reply.serial);
+        let now = self.kept.iter().filter(waits).map(|reply| self.answer(reply.clone()));
+        self.earlier.iter().cloned().chain(now)
+    }
+
+    /// A reply as it is kept over a restart.
+    pub fn answer(&self, reply: Reply) -> Answer {
+        let Reply { to, code, counter, stage, why, detail, .. } = reply;
+        let boot = self.acknowledged.get(&to).map_or_else(BootId::default, |(boot, _)| *boot);
+        Answer { to, boot, code, counter, stage, why, detail }
+    }
+
     /// Adds a reply; its serial number.
     pub fn add(&mut self, reply: Reply) -> u32 {
         self.last = self.last.wrapping_add(1);
@@ -115,12 +150,18 @@ impl Replies {
     }
 
     /// A computer connects. Another boot than before has nothing to do with what was answered until now: a counter of its own could
-    /// be taken for one of the boot before.
+    /// be taken for one of the boot before. What an earlier run of ours had not told this boot yet, it is told now.
     /// Whether it is another boot than before.
-    pub fn begin(&mut self, computer: FlightComputer, boot: BootId) -> bool {
+    pub fn begin(&mut self, now: Tick, computer: FlightComputer, boot: BootId) -> bool {
         let is_new = self.acknowledged.get(&computer).is_none_or(|(known, _)| *known != boot);
         if is_new {
             self.acknowledged.insert(computer, (boot, self.last));
+            let (its, others) = std::mem::take(&mut self.earlier).into_iter().partition(|answer| answer.to == computer);
+            self.earlier = others;
+            let its: Vec<Answer> = its;
+            for Answer { to, code, counter, stage, why, detail, .. } in its.into_iter().filter(|answer| answer.boot == boot) {
+                self.add(Reply { serial: 0, to, code, counter, stage, why, detail, at: now });
+            }
         }
         is_new
     }

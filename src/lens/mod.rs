@@ -16,4 +16,4 @@ pub use control::{Action, Control, Event};
 pub use language::{Misread, Reply, Word};
 pub use request::{AperturePosition, FocusCounts, LensCommand, LensError, LensResult, RequestCounter};
 pub use rules::Rules;
-pub use state::{Doubt, Known, LensState};
+pub use state::{Doubt, FocusKept, Known, LensState};

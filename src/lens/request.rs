@@ -1,10 +1,10 @@
 //! What the lens is asked, and how a request may end.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// A focus position, encoder counts from the near stop.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct FocusCounts(pub i32);
 
 /// A position of the aperture: 0 is fully open, higher is more closed.

@@ -1,7 +1,7 @@
 //! What is known of the lens.
 
 use super::request::{AperturePosition, FocusCounts, LensCommand};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// A value that is known, or why it is not. There is no value to show in the other cases.
@@ -44,6 +44,25 @@ pub enum Doubt {
     CountsLost,
     /// A move ended at another place than it should.
     Missed,
+}
+
+impl Doubt {
+    /// Whether the counts mean nothing until the range is learned anew.
+    pub fn is_mended_by_learning(self) -> bool {
+        matches!(self, Self::NotLearned | Self::PowerCycled | Self::CountsLost | Self::Missed)
+    }
+}
+
+/// What is kept of the focus over a restart of the program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+pub enum FocusKept {
+    /// Nothing: it was never known, or something was to move it.
+    #[default]
+    Unknown,
+    /// It stood here.
+    At(FocusCounts),
+    /// Its counts meant nothing.
+    InDoubt,
 }
 
 impl<T: Copy> Known<T> {

@@ -4,6 +4,7 @@ use super::clock::{Clock, utc_now};
 use super::hub::{self, ToHub};
 use super::inbox::Inbox;
 use super::orders::NOBODY;
+use super::pulse::Pulse;
 use super::solver::{self, Captured};
 use super::state::{CameraState, Finished, State};
 use super::supervisor::{Ended, panic_message, panic_text};
@@ -68,7 +69,7 @@ struct Shot {
 
 impl CameraActor {
     /// Runs until stopped.
-    pub async fn run(self) -> Result<(), Ended> {
+    pub async fn run(self, pulse: Pulse) -> Result<(), Ended> {
         let camera = &self.settings.camera;
         let first = self.clock.started() + Duration::from_secs_f64(camera.startup_delay_s);
         let mut schedule = tokio::time::interval_at(first.max(Instant::now()), Duration::from_secs_f64(camera.period_s));
@@ -81,6 +82,7 @@ impl CameraActor {
                 () = self.stop.cancelled() => return Ok(()),
                 Some(request) = inbox.recv() => source = self.answer(source.take(), request).await?,
                 _ = schedule.tick() => source = self.take_one(source.take()).await?,
+                () = pulse.rest() => {}
             }
         }
     }

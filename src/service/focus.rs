@@ -4,7 +4,7 @@ use super::housekeeping::Quantity;
 use super::hub::Hub;
 use super::state::{Finished, State};
 use crate::command::{Command, OrderNumber, Refusal, Stage, Tick};
-use crate::lens::autofocus::{self, Autofocus, AutofocusRules, Decision, Ending, Event, Finding, FocusImage, SweepPlan};
+use crate::lens::autofocus::{self, Autofocus, AutofocusRules, Decision, Ending, Event, Finding, FocusImage, Learned, SweepPlan};
 use crate::lens::{FocusCounts, LensCommand, LensError, LensResult, RequestCounter};
 use crate::settings::FocusSettings;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -28,15 +28,20 @@ struct Desk {
 }
 
 impl Focus {
-    /// An autofocus by the settings.
-    pub fn new(settings: &FocusSettings) -> Self {
-        let autofocus = Autofocus::new(AutofocusRules::new(settings));
+    /// An autofocus by the settings, which knows what an earlier run of the program learned.
+    pub fn new(settings: &FocusSettings, learned: &Learned) -> Self {
+        let autofocus = Autofocus::knowing(AutofocusRules::new(settings), learned);
         Self(Arc::new(Mutex::new(Desk { autofocus, order: None, moving: None, requests: 0 })))
     }
 
     fn desk(&self) -> MutexGuard<'_, Desk> {
         // Nothing can break between two steps of a change to it.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What it has learned.
+    pub fn learned(&self) -> Learned {
+        self.desk().autofocus.learned()
     }
 
     /// When to look at the time, if nothing happens before.

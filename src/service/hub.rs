@@ -5,11 +5,13 @@ use super::clock::Clock;
 use super::focus::Focus;
 use super::housekeeping::Measurements;
 use super::inbox::Inbox;
+use super::kept::{self, Kept};
 use super::ledger::{self, Keep};
 use super::lens;
+use super::pulse::Pulse;
 use super::recorder;
 use super::session::Closed;
-use super::state::{Actor, CameraState, Finished, Peer, Readiness, Restart, State};
+use super::state::{Actor, CameraState, Finished, Peer, Readiness, Restart, Settling, State};
 use super::supervisor::Ended;
 use crate::command::{
     Authenticity, BootId, Decision, Event, FlightComputer, OrderNumber, Refusal, Sender, Situation, Stage, Step, Tick, Verdict,
@@ -94,10 +96,12 @@ pub enum ToHub {
         /// When it came.
         at: Instant,
     },
-    /// The counter of an order is on disk, or could not be brought there.
+    /// What is kept, the counter of an order in it, is on disk, or could not be brought there.
     Kept {
-        /// The order.
-        number: OrderNumber,
+        /// The order, where one waited for it.
+        number: Option<OrderNumber>,
+        /// The number of the record.
+        record: u64,
         /// The problem, where there was one.
         kept: Result<(), String>,
     },
@@ -182,7 +186,7 @@ pub struct Hub {
     pub recorder: Option<recorder::Handle>,
     /// The time that the arbitration counts in.
     pub clock: Clock,
-    /// Where counters are kept; `None` where they are not.
+    /// Where what outlasts a restart is kept; `None` where it is not.
     pub ledger: Option<ledger::Handle>,
     /// Where requests to the camera go; `None` where there is none.
     pub camera: Option<camera::Handle>,
@@ -202,9 +206,10 @@ pub struct Hub {
 
 impl Hub {
     /// Runs until stopped; then what it was told before is still taken.
-    pub async fn run(self) -> Result<(), Ended> {
+    pub async fn run(self, pulse: Pulse) -> Result<(), Ended> {
         let mut inbox = self.inbox.open().await;
         let mut state = State::clone(&self.state.borrow());
+        let mut last = Kept::of(&state, self.focus.learned());
         loop {
             let at = |tick: Option<Tick>| tick.map(|tick| self.clock.started() + tick);
             let (lapse, focus, order) = (at(state.charge.deadline()), at(self.focus.deadline()), at(state.desk.deadline()));
@@ -216,8 +221,39 @@ impl Hub {
                 () = sleep_until(order) => state.desk.expire(self.clock.uptime()),
                 () = sleep_until(focus) => self.tell_focus(&mut state, autofocus::Event::Time),
                 () = self.stop.cancelled() => return Ok(()),
+                () = pulse.rest() => continue,
             }
+            state.focus_kept = kept::focus(&state);
+            self.keep_what_changed(&mut state, &mut last);
             self.state.send_replace(Arc::new(state.clone()));
+        }
+    }
+
+    /// Sends what outlasts a restart to the disk where it changed; where there is no room for it now, then the next time.
+    fn keep_what_changed(&self, state: &mut State, last: &mut Kept) {
+        let kept = Kept::of(state, self.focus.learned());
+        let waited_for = state.settling.iter().any(|settling| settling.record > state.records_sent);
+        if (kept != *last || waited_for) && self.keep(state, None, kept.clone()) == Some(true) {
+            *last = kept;
+        }
+    }
+
+    /// Sends a record to the disk; whether there was room for it, and `None` where nothing is kept.
+    fn keep(&self, state: &mut State, number: Option<OrderNumber>, kept: Kept) -> Option<bool> {
+        let record = state.records_sent + 1;
+        let sent = self.ledger.as_ref()?.try_send(Keep { number, record, kept }).is_ok();
+        state.records_sent += u64::from(sent);
+        Some(sent)
+    }
+
+    /// A record is on disk, or could not be brought there: the orders whose doing it has end.
+    fn settle(&self, state: &mut State, record: u64, kept: &Result<(), String>) {
+        let (done, waiting) = std::mem::take(&mut state.settling).into_iter().partition(|settling| settling.record <= record);
+        state.settling = waiting;
+        let done: Vec<Settling> = done;
+        for Settling { number, words, .. } in done {
+            let words = kept.as_ref().map_or_else(|why| format!("done, but not kept over a restart: {why}"), |()| words);
+            self.take_result(state, number, Ok(words));
         }
     }
 
@@ -259,7 +295,10 @@ impl Hub {
                     self.take_legacy_block(state, computer, &block, at);
                 }
             }
-            ToHub::Kept { number, kept } => self.take_kept(state, number, kept),
+            ToHub::Kept { number, record, kept } => {
+                self.settle(state, record, &kept);
+                self.take_kept(state, number, kept);
+            }
             ToHub::Program { number, result } => {
                 self.take_result(state, number, result.map(|()| String::new()).map_err(|why| (Refusal::Program, why)))
             }
@@ -324,7 +363,7 @@ impl Hub {
         let now = Instant::now();
         state.peers.retain(|peer| peer.computer != computer);
         state.peers.push(Peer { computer, boot, connection, connected: now, status: None });
-        state.desk.begin(computer, boot);
+        state.desk.begin(self.clock.uptime(), computer, boot);
         self.arbitrate(state, Event::Connected { computer, boot }, now);
     }
 
@@ -395,23 +434,25 @@ impl Hub {
             None => {}
             Some(Step::Do(number, command)) => self.carry_out(state, now, number, command),
             Some(Step::Keep { number, waits }) => {
-                let memory = state.guard.memory().clone();
-                match self.ledger.as_ref().map(|ledger| ledger.try_send(Keep { number, memory })) {
+                let kept = Kept::of(state, self.focus.learned());
+                match self.keep(state, Some(number), kept) {
                     _ if !waits => self.take_step(state, number, Ok(())),
-                    Some(Ok(())) => {}
-                    Some(Err(_)) => self.take_kept(state, number, Err("the disk is behind".to_owned())),
-                    None => self.take_kept(state, number, Ok(())),
+                    Some(true) => {}
+                    Some(false) => self.take_kept(state, Some(number), Err("the disk is behind".to_owned())),
+                    None => self.take_kept(state, Some(number), Ok(())),
                 }
             }
         }
     }
 
-    fn take_kept(&self, state: &mut State, number: OrderNumber, kept: Result<(), String>) {
+    fn take_kept(&self, state: &mut State, number: Option<OrderNumber>, kept: Result<(), String>) {
         state.counters_kept = kept.is_ok() && self.ledger.is_some();
         if let Err(problem) = &kept {
-            tracing::error!(problem, "the counters of commands cannot be kept");
+            tracing::error!(problem, "what outlasts a restart cannot be kept");
         }
-        self.take_step(state, number, kept);
+        if let Some(number) = number {
+            self.take_step(state, number, kept);
+        }
     }
 
     /// An order goes on: its counter is on disk, it does not wait for that, or it fails for want of it.
@@ -496,7 +537,7 @@ mod tests {
             ledger: None,
             camera: None,
             lens: lens::Handle::new(mpsc::channel(1).0),
-            focus: Focus::new(&settings.focus),
+            focus: Focus::new(&settings.focus, &autofocus::Learned::default()),
             abort_solver: watch::channel(0).0,
             initial: settings,
             own: Handle::new(own),
@@ -516,12 +557,12 @@ mod tests {
         let (hub, state) = hub(sender.clone(), inbox);
         sender.send(ToHub::Captured { next: ImageCounter(4) }).await.unwrap();
         sender.send(finished(3, Reason::NoMatch)).await.unwrap();
-        let first = tokio::spawn(hub.clone().run());
+        let first = tokio::spawn(hub.clone().run(Pulse::new()));
         state.clone().wait_for(|state| state.latest.is_some()).await.unwrap();
         first.abort();
         assert!(first.await.unwrap_err().is_cancelled());
         sender.send(ToHub::Captured { next: ImageCounter(5) }).await.unwrap();
-        tokio::spawn(hub.run());
+        tokio::spawn(hub.run(Pulse::new()));
         let now = Arc::clone(&*state.clone().wait_for(|state| state.counters.next_image.0 == 5).await.unwrap());
         assert_eq!(now.counters.frames_taken, 2);
         assert_eq!(now.latest.as_ref().unwrap().outcome.stamp.image, ImageCounter(3));
@@ -531,7 +572,7 @@ mod tests {
     async fn a_skipped_frame_is_counted_and_does_not_hide_the_last_outcome() {
         let (sender, inbox) = inbox::channel(8);
         let (hub, state) = hub(sender.clone(), inbox);
-        tokio::spawn(hub.run());
+        tokio::spawn(hub.run(Pulse::new()));
         sender.send(finished(3, Reason::NoMatch)).await.unwrap();
         sender.send(finished(4, Reason::Skipped)).await.unwrap();
         let now = Arc::clone(&*state.clone().wait_for(|state| state.counters.frames_skipped == 1).await.unwrap());
@@ -542,7 +583,7 @@ mod tests {
     async fn the_end_of_an_old_connection_does_not_touch_the_new_one() {
         let (sender, inbox) = inbox::channel(8);
         let (hub, state) = hub(sender.clone(), inbox);
-        tokio::spawn(hub.run());
+        tokio::spawn(hub.run(Pulse::new()));
         let computer = FlightComputer(1);
         let status = Status { claims_charge: true, ..Status::default() };
         let said =

@@ -1,11 +1,14 @@
 //! The listener: takes connections and gives each a session of its own.
 
 use super::hub::ToHub;
+use super::manager::LinkName;
+use super::pulse::Pulse;
 use super::session::{Closed, Session, Shared};
 use super::supervisor::{Ended, panic_message};
 use socket2::{SockRef, TcpKeepalive};
 use std::io;
 use std::net::{IpAddr, SocketAddr};
+use std::os::fd::{AsFd, OwnedFd};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -43,15 +46,35 @@ pub struct Listener {
 
 impl Listener {
     /// Takes connections until stopped.
-    pub async fn run(self) -> Result<(), Ended> {
-        while let Some((stream, address)) = next_connection(&self.socket, &self.shared).await {
-            self.take(stream, address).await;
+    pub async fn run(self, pulse: Pulse) -> Result<(), Ended> {
+        while let Some((stream, address)) = next_connection(&self.socket, &self.shared, &pulse).await {
+            let socket = stream.as_fd().try_clone_to_owned().ok();
+            self.take(stream, address, socket).await;
         }
         Ok(())
     }
 
-    /// Gives a connection its session, or turns it away by closing it.
-    pub async fn take<S: AsyncRead + AsyncWrite + Send + 'static>(&self, stream: S, address: SocketAddr) {
+    /// Goes on with a connection that an earlier run of the program left open.
+    pub fn resume(&self, link: LinkName, stream: std::net::TcpStream) {
+        let resumed = stream.peer_addr().and_then(|address| Ok((address, TcpStream::from_std(stream)?)));
+        let (resumed, place) = match (resumed, Arc::clone(&self.places).try_acquire_owned()) {
+            (Ok(resumed), Ok(place)) => (resumed, place),
+            (Err(error), _) => return tracing::info!(%link, %error, "a connection of an earlier run has ended"),
+            (Ok(_), Err(_)) => return tracing::warn!(%link, "there is no place for a connection of an earlier run"),
+        };
+        let (address, stream) = resumed;
+        let session = Session::new(stream, link.connection, None, Arc::clone(&self.shared));
+        let span = tracing::info_span!("session", connection = link.connection, %address);
+        keep_session(&self.tracker, &self.shared, link.connection, session.resume(link), place, span);
+    }
+
+    /// Gives a connection its session, or turns it away by closing it; `socket`: a copy of its socket, where it is one.
+    pub async fn take<S: AsyncRead + AsyncWrite + Send + 'static>(
+        &self,
+        stream: S,
+        address: SocketAddr,
+        socket: Option<OwnedFd>,
+    ) {
         let connection = self.next.fetch_add(1, Ordering::Relaxed);
         let allowed = self.allowed.is_empty() || self.allowed.contains(&address.ip().to_canonical());
         let place = if allowed { self.place().await.ok_or(Closed::TooMany) } else { Err(Closed::AddressNotAllowed) };
@@ -63,9 +86,10 @@ impl Listener {
                 return;
             }
         };
-        let session = Session::new(stream, connection, Arc::clone(&self.shared));
+        let session = Session::new(stream, connection, socket, Arc::clone(&self.shared));
+        let give_way = self.shared.strangers.enter(connection);
         let span = tracing::info_span!("session", connection, %address);
-        keep_session(&self.tracker, &self.shared, connection, session.run(), place, span);
+        keep_session(&self.tracker, &self.shared, connection, session.run(give_way), place, span);
     }
 
     /// A place for a connection: a free one, or that of a stranger.
@@ -81,13 +105,14 @@ impl Listener {
 }
 
 /// The next connection of a socket; `None` once the service stops. Where none can be taken it is tried again, with a pause that grows.
-pub async fn next_connection(socket: &TcpListener, shared: &Shared) -> Option<(TcpStream, SocketAddr)> {
+pub async fn next_connection(socket: &TcpListener, shared: &Shared, pulse: &Pulse) -> Option<(TcpStream, SocketAddr)> {
     let mut pause = PAUSES.0;
     loop {
         let accepted = tokio::select! {
             biased;
             () = shared.stop.cancelled() => return None,
             accepted = socket.accept() => accepted,
+            () = pulse.rest() => continue,
         };
         match accepted {
             Ok((stream, address)) => {

@@ -15,7 +15,7 @@
 //! | legacy session → hub | connections, blocks | the same | as for sessions |
 //! | recorder, supervisor → hub | what was kept, lost, started again | the same | as above; the supervisor drops the count |
 //! | hub → camera | requests for its gain | 4 | the command fails as `busy` |
-//! | hub → ledger | counters of commands | 32 | the command fails as `not_kept` |
+//! | hub → ledger | what outlasts a restart | 32 | a command that waits for it fails as `not_kept`; all else is sent again |
 //! | ledger, programs → hub | what was kept, what came of it | 64, shared | the sender waits |
 //! | hub → recorder | outcomes | 64 | counted as lost; the recorder always takes: beyond `record.queue_frames` the oldest is lost and counted |
 //! | hub → everybody | [`State`] | the newest | replaced |
@@ -34,13 +34,16 @@ mod housekeeping;
 mod hub;
 mod inbox;
 mod index;
+mod kept;
 mod keys;
 mod ledger;
 mod legacy;
 mod lens;
 mod listener;
+mod manager;
 mod orders;
 mod parts;
+mod pulse;
 mod recorder;
 mod runs;
 mod session;
@@ -59,13 +62,14 @@ pub use housekeeping::{Measurements, Quantity, Reading, SensorError, is_simulate
 pub use index::{IndexOrigin, Prepared, prepare};
 pub use keys::Keys;
 pub use lens::{Handle as LensHandle, LensAlone, SimulatedLens, ToLens};
+pub use manager::{Inherited, LinkName, Manager};
 pub use parts::{Parts, PartsError, Stars, load_bad_pixels, load_catalogue, simulated_lens, simulated_sky};
 pub use runs::Run;
 pub use session::Closed;
 pub use solver::{MakeSolver, Solve};
-pub use state::{Actor, CameraState, Counters, Ending, Finished, Peer, Readiness, Restart, Simulated, State};
+pub use state::{Actor, CameraState, Counters, Ending, Finished, Found, Peer, Readiness, Restart, Simulated, State};
 
-use crate::command::{Guard, Memory, UNDER_WAY};
+use crate::command::{Desk, Guard, InCharge, UNDER_WAY};
 use crate::lens::Rules;
 use crate::settings::Settings;
 use crate::wire::{Hello, Role};
@@ -73,20 +77,22 @@ use camera::CameraActor;
 use focus::Focus;
 use housekeeping::Housekeeper;
 use hub::Hub;
+use kept::Kept;
 use ledger::{Ledger, LedgerActor};
 use legacy::LegacyListener;
 use lens::LensActor;
 use listener::Listener;
+use pulse::Pulse;
 use recorder::Recorder;
 use runs::{Asked, Runs};
 use session::{Shared, Strangers};
 use solver::SolverActor;
 use std::net::{IpAddr, SocketAddr};
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicU64};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
-use supervisor::{Backoff, Ended, supervise};
+use supervisor::{Backoff, Ended, Watched, supervise};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
 use tokio::sync::{Semaphore, watch};
@@ -147,6 +153,9 @@ pub enum StartError {
     Peer(String),
 }
 
+/// The pulse of every actor.
+type Pulses = Arc<Mutex<Vec<(Actor, Pulse)>>>;
+
 /// Actors that end together.
 #[derive(Default)]
 struct Stage {
@@ -177,6 +186,7 @@ pub struct Running {
     pub lens: LensHandle,
     /// The simulated lens, where it is one: says where it truly is, and takes faults.
     pub simulated_lens: Option<SimulatedLens>,
+    pulses: Pulses,
     listener: Listener,
     /// Where it is noted how this run ends; `None` where nothing is kept.
     runs: Option<Runs>,
@@ -188,7 +198,7 @@ pub struct Running {
 impl Running {
     /// Serves a stream as if it had come from `address` through the socket: for simulated flight computers in this process.
     pub async fn serve<S: AsyncRead + AsyncWrite + Send + 'static>(&self, stream: S, address: SocketAddr) {
-        self.listener.take(stream, address).await;
+        self.listener.take(stream, address, None).await;
     }
 
     /// The same for the port of the legacy dialect; where that is not spoken the stream is dropped.
@@ -196,6 +206,12 @@ impl Running {
         if let Some(legacy) = &self.legacy {
             legacy.take(stream, address).await;
         }
+    }
+
+    /// An actor whose loop has not come round for `limit`, if there is one.
+    pub fn silent(&self, limit: Duration) -> Option<Actor> {
+        let pulses = self.pulses.lock().unwrap_or_else(PoisonError::into_inner);
+        pulses.iter().find(|(_, pulse)| pulse.silence() > limit).map(|(actor, _)| *actor)
     }
 
     /// Ends the service within 2 s: no further frame, the current one aborted, the last outcome kept. Names what did not end
@@ -226,37 +242,69 @@ async fn note_end(runs: Option<Runs>, asked: Asked) {
     }
 }
 
-/// Starts the service of the settings on its own address.
+/// Where flight computers come in.
+pub struct Doors {
+    /// The socket that they connect to.
+    pub door: TcpListener,
+    /// That for the legacy dialect, where an earlier run left it open.
+    pub legacy_door: Option<std::net::TcpListener>,
+    /// Connections that an earlier run left open.
+    pub links: Vec<(LinkName, std::net::TcpStream)>,
+    /// Keeps all of them open when this run breaks off.
+    pub manager: Manager,
+}
+
+impl From<TcpListener> for Doors {
+    fn from(door: TcpListener) -> Self {
+        Self { door, legacy_door: None, links: Vec::new(), manager: Manager::default() }
+    }
+}
+
+impl Doors {
+    /// On the address of the settings: the socket of an earlier run, or a new one.
+    async fn of(settings: &Settings, inherited: Inherited, manager: Manager) -> Result<Self, StartError> {
+        let address = settings.network.listen.clone();
+        let door = match manager::fitting(inherited.door, &address) {
+            Some(door) => TcpListener::from_std(door),
+            None => TcpListener::bind(&address).await,
+        };
+        let door = door.map_err(|error| StartError::Listen { address, error })?;
+        let legacy_door = manager::fitting(inherited.legacy_door, &settings.legacy.listen);
+        Ok(Self { door, legacy_door, links: inherited.links, manager })
+    }
+}
+
+/// Starts the service of the settings on its own address, with what an earlier run left open.
 ///
 /// # Errors
 /// See [`StartError`].
-pub async fn start(settings: Arc<Settings>) -> Result<Running, StartError> {
-    let address = settings.network.listen.clone();
-    let listener = TcpListener::bind(&address).await.map_err(|error| StartError::Listen { address, error })?;
+pub async fn start(settings: Arc<Settings>, inherited: Inherited, manager: Manager) -> Result<Running, StartError> {
+    let doors = Doors::of(&settings, inherited, manager).await?;
     let parts = Parts::of(&settings)?;
-    start_with(settings, parts, listener)
+    start_with(settings, parts, doors)
 }
 
-/// Starts the service with the given camera, solver and lens on a bound socket. Where the settings have a simulated lens and the parts
+/// Starts the service with the given camera, solver and lens on bound sockets. Where the settings have a simulated lens and the parts
 /// none, there is one that nobody looks at.
 ///
 /// # Errors
 /// See [`StartError`].
-pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) -> Result<Running, StartError> {
+pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>) -> Result<Running, StartError> {
+    let Doors { door: socket, legacy_door, links, manager } = doors.into();
     let lens = match parts.lens {
         Some(lens) => Some(lens),
         None => simulated_lens(&settings)?,
     };
     let address = socket.local_addr().map_err(|error| StartError::Listen { address: settings.network.listen.clone(), error })?;
     let allowed = addresses(&settings.network.peers)?;
-    let legacy = legacy::bind(&settings.legacy)
+    let legacy = legacy::bind(&settings.legacy, legacy_door)
         .map_err(|error| StartError::LegacyListen { address: settings.legacy.listen.clone(), error })?;
     let clock = Clock::start();
     let simulated = Simulated::of(&settings);
     let keys = Keys::read(&settings.commands).map_err(StartError::Key)?;
-    let (ledger, memory) = open_ledger(&settings.commands.ledger_directory)?;
+    let (ledger, kept, found) = open_ledger(&settings.commands.ledger_directory)?;
     let (runs, run) = begin_run(&settings.commands.ledger_directory)?;
-    let at_start = State { counters_kept: ledger.is_some(), run, ..State::new(Arc::clone(&settings), Guard::new(memory)) };
+    let at_start = State { counters_kept: ledger.is_some(), run, found, ..resumed(&settings, &kept) };
     let (publish, state) = watch::channel(Arc::new(at_start));
     let [edges, solving, owning, keeping] = std::array::from_fn(|_| Stage::default());
     let (to_hub, hub_inbox) = inbox::channel(HUB_INBOX);
@@ -265,10 +313,13 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
     let span = if simulated.any() { tracing::info_span!("simulated") } else { Span::none() };
     span.in_scope(|| {
         let Run { number, last_end } = run;
+        let commanded = kept.commanded.join("; ");
         let (camera, lens) = (settings.camera.kind, settings.lens.kind);
-        tracing::info!(%address, ?camera, ?lens, run = number, ?last_end, "serving");
+        tracing::info!(%address, ?camera, ?lens, run = number, ?last_end, commanded, "serving");
     });
-    let watchman = Watchman { hub: hub.clone(), settings: Arc::clone(&settings), state: state.clone(), clock, span };
+    let pulses = Pulses::default();
+    let watchman =
+        Watchman { hub: hub.clone(), settings: Arc::clone(&settings), state: state.clone(), clock, span, pulses: pulses.clone() };
 
     let recorder = watchman.keep_recorder(&keeping);
     let ledger = ledger.map(|ledger| watchman.keep_ledger(&keeping, ledger));
@@ -284,14 +335,16 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
         ledger,
         camera,
         lens: to_lens.clone(),
-        focus: Focus::new(&settings.focus),
+        focus: Focus::new(&settings.focus, &kept.learned),
         abort_solver,
         initial: Arc::clone(&settings),
         own: hub.clone(),
         stop: owning.stop.clone(),
     };
-    watchman.keep(&owning, Actor::Hub, move || owner.clone().run());
+    watchman.keep(&owning, Actor::Hub, move |pulse| owner.clone().run(pulse));
+    manager.keep_doors(&socket, legacy.as_ref());
     let shared = Arc::new(Shared {
+        manager,
         hello: our_hello(&settings, &clock),
         settings: Arc::clone(&settings),
         clock,
@@ -301,28 +354,61 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, socket: TcpListener) ->
         strangers: Strangers::default(),
         stop: edges.stop.clone(),
     });
-    let next = Arc::new(AtomicU64::new(1));
+    let last = links.iter().map(|(link, _)| link.connection).max().unwrap_or_default();
+    let next = Arc::new(AtomicU64::new(last.saturating_add(1)));
     let legacy = legacy.map(|socket| LegacyListener::new(socket, next.clone(), shared.clone(), edges.tracker.clone()));
     let places = Arc::new(Semaphore::new(settings.network.max_connections as usize));
     let tracker = edges.tracker.clone();
     let listener = Listener { socket: Arc::new(socket), allowed, places, next, shared, tracker };
+    links.into_iter().for_each(|(link, stream)| listener.resume(link, stream));
     watchman.open_doors(&edges, &listener, legacy.as_ref());
     let stages = [("camera or connections", edges), ("solver", solving), ("hub", owning), ("recorder", keeping)];
     let legacy_address = legacy.as_ref().and_then(LegacyListener::address);
-    Ok(Running { address, legacy_address, state, clock, lens: to_lens, simulated_lens: lens, listener, legacy, runs, stages })
+    Ok(Running {
+        address,
+        legacy_address,
+        state,
+        clock,
+        lens: to_lens,
+        simulated_lens: lens,
+        pulses,
+        listener,
+        legacy,
+        runs,
+        stages,
+    })
 }
 
-/// The ledger of counters, and what it remembers; none where the settings name no directory.
-fn open_ledger(directory: &str) -> Result<(Option<Ledger>, Memory), StartError> {
+/// The ledger, what it kept, and in what state that was found; none where the settings name no directory.
+fn open_ledger(directory: &str) -> Result<(Option<Ledger>, Kept, Found), StartError> {
     if directory.is_empty() {
-        return Ok((None, Memory::default()));
+        return Ok((None, Kept::default(), Found::Nothing));
     }
     let opened = ledger::open(Path::new(directory));
-    let (ledger, memory, complaints) = opened.map_err(|error| StartError::Ledger { directory: directory.to_owned(), error })?;
-    complaints
-        .iter()
-        .for_each(|complaint| tracing::error!(complaint, "the ledger of commands is damaged; the other copy is used"));
-    Ok((Some(ledger), memory))
+    let (ledger, kept, complaints) = opened.map_err(|error| StartError::Ledger { directory: directory.to_owned(), error })?;
+    let found = match (&kept, complaints.is_empty()) {
+        (Some(_), true) => Found::Whole,
+        (Some(_), false) => Found::OneCopy,
+        (None, true) => Found::Nothing,
+        (None, false) => Found::Damaged,
+    };
+    complaints.iter().for_each(|complaint| tracing::error!(complaint, ?found, "a copy of what was kept is damaged"));
+    Ok((Some(ledger), kept.unwrap_or_default(), found))
+}
+
+/// The state of the start, with what earlier runs left.
+fn resumed(initial: &Arc<Settings>, kept: &Kept) -> State {
+    let (settings, commanded, complaints) = kept.settings(initial);
+    complaints.iter().for_each(|complaint| tracing::error!(complaint, "a setting that was commanded is not taken again"));
+    let mut state = State::new(Arc::clone(initial), Guard::new(kept.counters.clone()));
+    state.adopt(settings, initial);
+    State {
+        commanded,
+        charge: InCharge::after(kept.epoch),
+        desk: Desk::after(kept.answers.clone()),
+        focus_kept: kept.focus,
+        ..state
+    }
 }
 
 /// The mark of this run, and which it is; none where the settings name no directory.
@@ -352,16 +438,22 @@ struct Watchman {
     state: watch::Receiver<Arc<State>>,
     clock: Clock,
     span: Span,
+    /// The pulses of all actors.
+    pulses: Pulses,
 }
 
 impl Watchman {
     /// Keeps an actor running until its stage ends; `start` makes it anew each time.
     fn keep<F, A>(&self, stage: &Stage, actor: Actor, start: F)
     where
-        F: FnMut() -> A + Send + 'static,
+        F: FnMut(Pulse) -> A + Send + 'static,
         A: Future<Output = Result<(), Ended>> + Send + 'static,
     {
-        let kept = supervise(actor, self.hub.clone(), Backoff::new(&self.settings.service), stage.stop.clone(), start);
+        let pulse = Pulse::new();
+        self.pulses.lock().unwrap_or_else(PoisonError::into_inner).push((actor, pulse.clone()));
+        let hangs_after = Duration::from_secs_f64(self.settings.service.hang_s);
+        let watched = Watched { actor, pulse, hangs_after, hub: self.hub.clone(), stop: stage.stop.clone() };
+        let kept = supervise(watched, Backoff::new(&self.settings.service), start);
         stage.tracker.spawn(kept.instrument(self.span.clone()));
     }
 
@@ -380,32 +472,34 @@ impl Watchman {
             backoff: Backoff::new(&self.settings.service),
             stop: stage.stop.clone(),
         };
-        self.keep(stage, Actor::Recorder, move || actor.clone().run());
+        self.keep(stage, Actor::Recorder, move |pulse| actor.clone().run(pulse));
         Some(to_recorder)
     }
 
     /// Keeps the ledger running.
     fn keep_ledger(&self, stage: &Stage, ledger: Ledger) -> ledger::Handle {
         let (to_ledger, inbox) = inbox::channel(UNDER_WAY);
+        let ledger = Arc::new(Mutex::new(ledger));
         let actor = LedgerActor { inbox, hub: self.hub.clone(), ledger, stop: stage.stop.clone() };
-        self.keep(stage, Actor::Ledger, move || actor.clone().run());
+        self.keep(stage, Actor::Ledger, move |pulse| actor.clone().run(pulse));
         to_ledger
     }
 
     /// Keeps the lens running: the one of the settings, or a simulated one with its controller.
     fn keep_lens(&self, stage: &Stage, simulated: Option<&SimulatedLens>) -> LensHandle {
-        let settings = &self.settings.lens;
+        let (settings, state) = (&self.settings.lens, self.state.clone());
         let (to_lens, inbox) = inbox::channel(LENS_INBOX);
         let actor = LensActor {
             inbox,
             hub: self.hub.clone(),
             ports: simulated.map(SimulatedLens::ports).or_else(|| lens::serial_ports(settings)),
             rules: Rules::of(settings),
+            focus_before: Arc::new(move || state.borrow().focus_kept),
             open: Arc::default(),
             clock: self.clock,
             stop: stage.stop.clone(),
         };
-        self.keep(stage, Actor::Lens, move || actor.clone().run());
+        self.keep(stage, Actor::Lens, move |pulse| actor.clone().run(pulse));
         if let Some(controller) = simulated {
             stage.tracker.spawn(controller.clone().run(stage.stop.clone()).instrument(self.span.clone()));
         }
@@ -417,7 +511,7 @@ impl Watchman {
         let (to_solver, inbox) = inbox::channel(SOLVER_INBOX);
         let (hub, state, stop) = (self.hub.clone(), self.state.clone(), stage.stop.clone());
         let actor = SolverActor { inbox, hub, make, state, abort, stop };
-        self.keep(stage, Actor::Solver, move || actor.clone().run());
+        self.keep(stage, Actor::Solver, move |pulse| actor.clone().run(pulse));
         to_solver
     }
 
@@ -435,7 +529,7 @@ impl Watchman {
             clock: self.clock,
             stop: stage.stop.clone(),
         };
-        self.keep(stage, Actor::Camera, move || actor.clone().run());
+        self.keep(stage, Actor::Camera, move |pulse| actor.clone().run(pulse));
         to_camera
     }
 
@@ -449,15 +543,15 @@ impl Watchman {
             clock: self.clock,
             stop: stage.stop.clone(),
         };
-        self.keep(stage, Actor::Housekeeping, move || actor.clone().run());
+        self.keep(stage, Actor::Housekeeping, move |pulse| actor.clone().run(pulse));
     }
 
     /// Lets flight computers in.
     fn open_doors(&self, stage: &Stage, listener: &Listener, legacy: Option<&LegacyListener>) {
         let door = listener.clone();
-        self.keep(stage, Actor::Listener, move || door.clone().run());
+        self.keep(stage, Actor::Listener, move |pulse| door.clone().run(pulse));
         if let Some(door) = legacy.cloned() {
-            self.keep(stage, Actor::LegacyListener, move || door.clone().run());
+            self.keep(stage, Actor::LegacyListener, move |pulse| door.clone().run(pulse));
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::camera::ToCamera;
 use super::hub::{Hub, ToHub};
-use super::state::{Ending, State};
+use super::state::{Ending, Settling, State};
 use crate::command::{self, Command, OrderNumber, Refusal, Stage, Tick};
 use crate::lens::{AperturePosition, FocusCounts, LensCommand, LensError, LensResult, RequestCounter, autofocus};
 use std::path::Path;
@@ -21,6 +21,8 @@ pub const NOBODY: OrderNumber = OrderNumber(0);
 enum Done {
     /// It is done.
     Now(String),
+    /// It is done, and ends once it is on disk that it was.
+    OnceKept(String),
     /// It has begun, and its result comes as a message.
     Later,
     /// That it begins comes as a message too.
@@ -36,13 +38,18 @@ impl Hub {
         let done = match command::apply(&command, &state.settings) {
             Some(Ok(settings)) => {
                 state.adopt(Arc::new(settings), &self.initial);
-                Done::Now(String::new())
+                state.note_commanded(command);
+                Done::OnceKept(String::new())
             }
             Some(Err(error)) => Done::Not(Refusal::OutOfRange, error.to_string()),
             None => self.act(state, number, command),
         };
         let (stage, why, words) = match done {
-            Done::Now(words) => (Stage::Completed, None, words),
+            Done::OnceKept(words) if self.ledger.is_some() => {
+                state.settling.push(Settling { number, record: state.records_sent + 1, words });
+                return;
+            }
+            Done::Now(words) | Done::OnceKept(words) => (Stage::Completed, None, words),
             Done::Later => (Stage::Started, None, String::new()),
             Done::Asked => return,
             Done::Not(why, words) => (Stage::Failed, Some(why), words),
@@ -61,12 +68,12 @@ impl Hub {
             Command::ShutDown { restart: true } => self.run_program(number, "restart_program", &commands.restart_program),
             Command::ResetNetwork {} => self.run_program(number, "network_reset_program", &commands.network_reset_program),
             Command::FactoryReset {} => {
-                state.adopt(Arc::clone(&self.initial), &self.initial);
+                state.reset(&self.initial);
                 state.desk.disarm();
-                Done::Now("the settings of the start are in force".to_owned())
+                Done::OnceKept("the settings of the start are in force".to_owned())
             }
             Command::KnownGood {} => {
-                state.adopt(Arc::clone(&self.initial), &self.initial);
+                state.reset(&self.initial);
                 state.desk.disarm();
                 self.stop_lens(state, number)
             }

@@ -6,6 +6,7 @@
 use super::clock::{Clock, utc_now};
 use super::hub::{self, ToHub};
 use super::inbox::Inbox;
+use super::pulse::Pulse;
 use super::state::Finished;
 use super::supervisor::{Backoff, Ended, panic_message};
 use std::collections::VecDeque;
@@ -59,7 +60,7 @@ struct Desk {
 
 impl Recorder {
     /// Runs until stopped; then what waits is written, as far as the disk takes it.
-    pub async fn run(mut self) -> Result<(), Ended> {
+    pub async fn run(mut self, pulse: Pulse) -> Result<(), Ended> {
         let inbox = self.inbox.clone();
         let mut inbox = inbox.open().await;
         let log = Some(LogFile::new(self.file.clone()));
@@ -87,6 +88,7 @@ impl Recorder {
                 }
                 Some(finished) = inbox.recv(), if !ending => self.accept(&mut desk.waiting, finished).await,
                 () = tokio::time::sleep_until(desk.not_before), if desk.writing.is_none() && !desk.waiting.is_empty() => {}
+                () = pulse.rest() => {}
             }
         }
     }

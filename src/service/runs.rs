@@ -116,6 +116,6 @@ mod tests {
         }
         std::fs::write(directory.path().join("runs.1"), "torn").unwrap();
         let (_, run, complaints) = Runs::begin_on(directory.path(), "a").unwrap();
-        assert_eq!((run.number, complaints.len()), (Some(3), 1), "{complaints:?}");
+        assert_eq!((run.number, complaints.len()), (Some(4), 1), "{complaints:?}");
     }
 }

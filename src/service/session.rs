@@ -8,6 +8,7 @@ use super::clock::Clock;
 use super::codec::{Codec, LinkError};
 use super::hub::{self, ToHub};
 use super::keys::Keys;
+use super::manager::{LinkName, Manager};
 use super::state::State;
 use super::update::{self, LinkRecord};
 use crate::command::{BootId, FlightComputer, LEASE};
@@ -15,9 +16,10 @@ use crate::settings::Settings;
 use crate::wire::{Hello, Message, Refusal, Refuse};
 use futures_util::{SinkExt, StreamExt};
 use std::collections::{BTreeMap, VecDeque};
+use std::os::fd::OwnedFd;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-use tokio::io::{AsyncRead, AsyncWrite, ReadHalf, WriteHalf};
+use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt, ReadHalf, WriteHalf};
 use tokio::sync::watch;
 use tokio::time::{Instant, MissedTickBehavior};
 use tokio_util::codec::{FramedRead, FramedWrite};
@@ -64,6 +66,8 @@ pub struct Shared {
     pub hub: hub::Handle,
     /// The keys of flight computers.
     pub keys: Keys,
+    /// Keeps connections open over a restart.
+    pub manager: Manager,
     /// Who has not said hello yet.
     pub strangers: Strangers,
     /// When to end.
@@ -77,7 +81,7 @@ pub struct Strangers(Mutex<BTreeMap<u64, CancellationToken>>);
 
 impl Strangers {
     /// A connection is new; the token says when it must give way.
-    fn enter(&self, connection: u64) -> CancellationToken {
+    pub fn enter(&self, connection: u64) -> CancellationToken {
         let give_way = CancellationToken::new();
         self.lock().insert(connection, give_way.clone());
         give_way
@@ -109,22 +113,22 @@ pub struct Session<S> {
     from: FramedRead<ReadHalf<S>, Codec>,
     to: FramedWrite<WriteHalf<S>, Codec>,
     connection: u64,
-    give_way: CancellationToken,
     shared: Arc<Shared>,
+    /// A copy of the socket, for the service manager, until it is known whose it is.
+    socket: Option<OwnedFd>,
 }
 
 impl<S: AsyncRead + AsyncWrite> Session<S> {
-    /// A session on a stream, with the number of the connection.
-    pub fn new(stream: S, connection: u64, shared: Arc<Shared>) -> Self {
+    /// A session on a stream, with the number of the connection, and a copy of its socket where it is to be kept over a restart.
+    pub fn new(stream: S, connection: u64, socket: Option<OwnedFd>, shared: Arc<Shared>) -> Self {
         let (from, to) = tokio::io::split(stream);
         let (from, to) = (FramedRead::new(from, Codec::default()), FramedWrite::new(to, Codec::default()));
-        let give_way = shared.strangers.enter(connection);
-        Self { from, to, connection, give_way, shared }
+        Self { from, to, connection, shared, socket }
     }
 
     /// Runs until the connection ends for whatever reason, and tells the hub of its peer and of its end.
-    pub async fn run(mut self) -> Closed {
-        let (stop, give_way) = (self.shared.stop.clone(), self.give_way.clone());
+    pub async fn run(mut self, give_way: CancellationToken) -> Closed {
+        let stop = self.shared.stop.clone();
         let greeted = tokio::select! {
             biased;
             () = stop.cancelled() => Err(Closed::Stopping),
@@ -132,20 +136,43 @@ impl<S: AsyncRead + AsyncWrite> Session<S> {
             greeted = self.greet() => greeted,
         };
         self.shared.strangers.leave(self.connection);
-        let why = match greeted {
-            Err(why) => why,
-            Ok((computer, version)) => {
-                self.to.encoder_mut().speak(version);
-                self.converse(computer).await
+        match greeted {
+            Err(why) => self.end(why).await,
+            Ok(link) => {
+                if let Some(socket) = self.socket.take() {
+                    self.shared.manager.keep_link(link, &socket);
+                }
+                self.go_on(link).await
             }
-        };
+        }
+    }
+
+    /// Goes on with a connection that an earlier run of the program left open: its peer has said who it is, and sees by the boot in the
+    /// next update that we were started again. What was cut off when that run ended stands before the next message, and is skipped.
+    pub async fn resume(self, link: LinkName) -> Closed {
+        let LinkName { computer, boot, version, connection } = link;
+        tracing::info!(computer = computer.0, connection, version, "flight computer still connected");
+        self.shared.hub.tell(ToHub::Connected { computer, connection, boot }).await;
+        self.go_on(link).await
+    }
+
+    async fn go_on(mut self, link: LinkName) -> Closed {
+        self.to.encoder_mut().speak(link.version);
+        let why = self.converse(link.computer).await;
+        self.shared.manager.forget_link(link);
+        self.end(why).await
+    }
+
+    async fn end(mut self, why: Closed) -> Closed {
         self.say_why(why).await;
+        // The service manager may still have a copy of the socket, which would keep it open.
+        let _ = tokio::time::timeout(LAST_WORD, self.to.get_mut().shutdown()).await;
         self.shared.hub.tell(ToHub::Closed { connection: self.connection, why }).await;
         why
     }
 
     /// The hellos: ours at once, then theirs. Who it is, where both fit together.
-    async fn greet(&mut self) -> Result<(FlightComputer, u8), Closed> {
+    async fn greet(&mut self) -> Result<LinkName, Closed> {
         let silence = self.shared.silence();
         let hello = Message::Hello(Box::new(self.shared.hello));
         send(&mut self.to, &hello, silence).await?;
@@ -165,7 +192,7 @@ impl<S: AsyncRead + AsyncWrite> Session<S> {
                 let connection = self.connection;
                 tracing::info!(computer = computer.0, connection, version, "flight computer connected");
                 self.shared.hub.tell(ToHub::Connected { computer, connection, boot }).await;
-                Ok((computer, version))
+                Ok(LinkName { computer, boot, version, connection })
             }
             Err(refuse) => {
                 tracing::warn!(connection = self.connection, why = %refuse.detail, "refused");

@@ -6,6 +6,7 @@
 
 use super::hub::{self, ToHub};
 use super::inbox::Inbox;
+use super::pulse::Pulse;
 use super::state::{Finished, Readiness, State};
 use super::supervisor::{Ended, panic_message};
 use crate::image::Frame;
@@ -85,7 +86,7 @@ struct Job {
 
 impl SolverActor {
     /// Runs until stopped.
-    pub async fn run(self) -> Result<(), Ended> {
+    pub async fn run(self, pulse: Pulse) -> Result<(), Ended> {
         let mut inbox = self.inbox.open().await;
         // What this actor's own frames have shown: one that is started again begins lost in space.
         let (mut tracker, first) = (Tracker::default(), Instant::now());
@@ -120,6 +121,7 @@ impl SolverActor {
                         self.give_up(older, Reason::Skipped, "a newer frame took its place").await;
                     }
                 }
+                () = pulse.rest() => {}
             }
         }
     }

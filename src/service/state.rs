@@ -4,16 +4,16 @@ use super::housekeeping::{self, Measurements};
 use super::runs::Run;
 use super::session::Closed;
 use crate::command::legacy::LegacyGuard;
-use crate::command::{BootId, Desk, FlightComputer, Focus, Guard, InCharge, Lease, OrderNumber, Tick};
+use crate::command::{BootId, Command, Desk, FlightComputer, Focus, Guard, InCharge, Lease, OrderNumber, Tick};
 use crate::image::{ImageCounter, TriggerCounter};
 use crate::lens::autofocus::{Autofocus, AutofocusRules, AutofocusStatus};
-use crate::lens::{AperturePosition, Doubt, FocusCounts, LensCommand, LensState, RequestCounter};
+use crate::lens::{AperturePosition, Doubt, FocusCounts, FocusKept, LensCommand, LensState, RequestCounter};
 use crate::settings::{CameraKind, LensKind, ObserverSettings, Settings};
 use crate::sky::Observer;
 use crate::solve::{Outcome, Prior, Report};
-pub use crate::wire::Actor;
 use crate::wire::Status;
 use crate::wire::legacy::Picture;
+pub use crate::wire::{Actor, Found};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
@@ -30,6 +30,10 @@ pub struct State {
     pub camera: CameraState,
     /// What the lens's actor says of the lens; [`State::focus_known`] and [`State::aperture_known`] say what can be shown.
     pub lens: Arc<LensState>,
+    /// What of the focus outlasts a restart.
+    pub focus_kept: FocusKept,
+    /// What of it was found at the start.
+    pub found: Found,
     /// Requests to the lens that are not answered to their end.
     pub lens_requests: BTreeMap<RequestCounter, LensCommand>,
     /// The order that ends when the lens is at rest.
@@ -56,8 +60,14 @@ pub struct State {
     pub settings: Arc<Settings>,
     /// CRC-32 of them.
     pub settings_hash: u32,
+    /// The commands that changed them, the last of each kind.
+    pub commanded: Vec<Command>,
     /// How many of them commands have changed.
     pub settings_commanded: u16,
+    /// Records of what outlasts a restart that were sent to the disk.
+    pub records_sent: u64,
+    /// Orders that end once what they changed is on disk.
+    pub settling: Vec<Settling>,
     /// The camera's gain, dB; known only while no change of it is under way.
     pub camera_gain: Option<f64>,
     /// When a flight computer was last heard, or the network was reset by itself.
@@ -76,6 +86,17 @@ pub struct State {
     pub run: Run,
     /// What happened since the start.
     pub counters: Counters,
+}
+
+/// An order that is done, and ends once that is on disk.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Settling {
+    /// The order.
+    pub number: OrderNumber,
+    /// The first record that has it.
+    pub record: u64,
+    /// What came of it.
+    pub words: String,
 }
 
 /// Why the program is to end.
@@ -211,6 +232,8 @@ impl State {
             readiness: Readiness::Starting,
             camera: CameraState::Idle,
             lens: Arc::new(LensState::unknown(Doubt::NeverRead)),
+            focus_kept: FocusKept::default(),
+            found: Found::Nothing,
             lens_requests: BTreeMap::new(),
             rests: None,
             autofocus: Arc::new(Autofocus::new(AutofocusRules::new(&settings.focus)).status(Tick::ZERO)),
@@ -224,6 +247,9 @@ impl State {
             counters_kept: false,
             settings_hash: settings.fingerprint() as u32,
             settings,
+            commanded: Vec::new(),
+            records_sent: 0,
+            settling: Vec::new(),
             settings_commanded: 0,
             camera_gain: None,
             heard: Instant::now(),
@@ -278,6 +304,18 @@ impl State {
         let commands = &self.settings.commands;
         let wanted = commands.network_lull && !commands.network_reset_program.is_empty();
         wanted.then(|| self.heard + Duration::from_secs_f64(commands.network_lull_s))
+    }
+
+    /// Takes note of a command that changes settings: it is the last of its kind.
+    pub fn note_commanded(&mut self, command: Command) {
+        self.commanded.retain(|earlier| earlier.code() != command.code());
+        self.commanded.push(command);
+    }
+
+    /// Puts the settings of the start in force again.
+    pub fn reset(&mut self, initial: &Arc<Settings>) {
+        self.commanded.clear();
+        self.adopt(Arc::clone(initial), initial);
     }
 
     /// Puts other settings in force.

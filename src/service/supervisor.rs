@@ -4,6 +4,7 @@
 //! the newest state.
 
 use super::hub::{self, ToHub};
+use super::pulse::Pulse;
 use super::state::Actor;
 use crate::settings::ServiceSettings;
 use std::any::Any;
@@ -45,22 +46,49 @@ impl Backoff {
     }
 }
 
-/// Keeps an actor running until `stop`: `start` makes it anew each time. Every new start is counted in the state.
-pub async fn supervise<F, A>(actor: Actor, hub: hub::Handle, mut backoff: Backoff, stop: CancellationToken, mut start: F)
+/// What the supervisor knows of an actor.
+pub struct Watched {
+    /// Which it is.
+    pub actor: Actor,
+    /// Shows that its loop comes round.
+    pub pulse: Pulse,
+    /// One that does not come round for this long hangs.
+    pub hangs_after: Duration,
+    /// Whom to tell that it was started again.
+    pub hub: hub::Handle,
+    /// When to end.
+    pub stop: CancellationToken,
+}
+
+/// Keeps an actor running until it is to stop: `start` makes it anew each time. Every new start is counted in the state.
+pub async fn supervise<F, A>(watched: Watched, mut backoff: Backoff, mut start: F)
 where
-    F: FnMut() -> A,
+    F: FnMut(Pulse) -> A,
     A: Future<Output = Result<(), Ended>> + Send + 'static,
 {
+    let Watched { actor, pulse, hangs_after, hub, stop } = watched;
     loop {
         let began = Instant::now();
-        let ended = tokio::spawn(tracing::Instrument::in_current_span(start())).await;
+        pulse.beat();
+        let mut task = tokio::spawn(tracing::Instrument::in_current_span(start(pulse.clone())));
+        let ended = tokio::select! {
+            biased;
+            ended = &mut task => Some(ended),
+            // One that is to stop takes the time that it needs: whoever stops it does not wait for ever.
+            () = pulse.lost(hangs_after), if !stop.is_cancelled() => None,
+        };
         if stop.is_cancelled() {
             return;
         }
         let why = match ended {
-            Ok(Ok(())) => "it came to its end".to_owned(),
-            Ok(Err(Ended(why))) => why,
-            Err(error) => panic_message(error),
+            Some(Ok(Ok(()))) => "it came to its end".to_owned(),
+            Some(Ok(Err(Ended(why)))) => why,
+            Some(Err(error)) => panic_message(error),
+            None => {
+                // It ends where it waits next; one that does not even wait keeps its thread, and the program is started again for it.
+                task.abort();
+                format!("it hung for {} s", hangs_after.as_secs_f64())
+            }
         };
         if began.elapsed() > backoff.longest {
             backoff.reset();
@@ -93,12 +121,12 @@ mod tests {
     use std::sync::{Arc, Mutex};
 
     #[tokio::test(start_paused = true)]
-    async fn an_actor_that_keeps_breaking_is_started_again_with_growing_pauses_each_counted() {
+    async fn an_actor_that_keeps_breaking_or_hangs_is_started_again_with_growing_pauses_each_counted() {
         let (sender, inbox) = inbox::channel(64);
         let (stop, starts) = (CancellationToken::new(), Arc::new(Mutex::new(Vec::new())));
-        let settings = ServiceSettings { restart_delay_s: 1.0, restart_delay_max_s: 4.0 };
+        let settings = ServiceSettings { restart_delay_s: 1.0, restart_delay_max_s: 4.0, hang_s: 30.0 };
         let (seen, began, ends) = (Arc::clone(&starts), Instant::now(), stop.clone());
-        let start = move || {
+        let start = move |pulse: Pulse| {
             let mut starts = seen.lock().unwrap();
             starts.push(began.elapsed().as_secs());
             let (number, stop) = (starts.len(), ends.clone());
@@ -112,17 +140,23 @@ mod tests {
                         tokio::time::sleep(Duration::from_secs(10)).await;
                         panic!("it breaks late")
                     }
-                    _ => {
-                        stop.cancelled().await;
-                        Ok(())
-                    }
+                    // It waits for something that never comes.
+                    6 => std::future::pending().await,
+                    _ => loop {
+                        tokio::select! {
+                            () = stop.cancelled() => return Ok(()),
+                            () = pulse.rest() => {}
+                        }
+                    },
                 }
             }
         };
         let hub = hub::Handle::new(sender);
-        let supervised = tokio::spawn(supervise(Actor::Camera, hub, Backoff::new(&settings), stop.clone(), start));
-        tokio::time::sleep(Duration::from_secs(60)).await;
-        assert_eq!(*starts.lock().unwrap(), [0, 1, 3, 7, 11, 22]);
+        let hangs_after = Duration::from_secs_f64(settings.hang_s);
+        let watched = Watched { actor: Actor::Camera, pulse: Pulse::new(), hangs_after, hub, stop: stop.clone() };
+        let supervised = tokio::spawn(supervise(watched, Backoff::new(&settings), start));
+        tokio::time::sleep(Duration::from_secs(200)).await;
+        assert_eq!(*starts.lock().unwrap(), [0, 1, 3, 7, 11, 22, 53]);
         stop.cancel();
         supervised.await.unwrap();
         let mut inbox = inbox.open().await;
@@ -134,6 +168,7 @@ mod tests {
             })
             .collect();
         let end = "it came to its end";
-        assert_eq!(reasons, ["panicked: it breaks", "it gives up", end, end, "panicked: it breaks late"]);
+        let hung = "it hung for 30 s";
+        assert_eq!(reasons, ["panicked: it breaks", "it gives up", end, end, "panicked: it breaks late", hung]);
     }
 }

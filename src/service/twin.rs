@@ -1,7 +1,8 @@
 //! Twin files: a small value on disk that survives whatever breaks off while it is written.
 //!
-//! Two files of a fixed size are written in turn, each with a number and a checksum: whatever is torn, the other one is whole. Since
-//! they never grow, a full disk does not stop them.
+//! Two files of a fixed size hold the same, each with a number and a checksum. They are written one after the other, the second when the
+//! disk has the first: whatever is torn or damaged, the other one is whole. Since they never grow, a full disk does not stop them, as it
+//! would stop a new file that takes the place of an old one.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -10,6 +11,8 @@ use std::io::{self, Read, Write};
 use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 
+/// Files of a value.
+const COPIES: usize = 2;
 /// Bytes of a file.
 const FILE_BYTES: usize = 64 * 1024;
 /// What a file begins with.
@@ -35,14 +38,19 @@ impl<T: Serialize + DeserializeOwned> Twin<T> {
     pub fn open(directory: &Path, name: &'static str) -> io::Result<(Self, Option<T>, Vec<String>)> {
         fs::create_dir_all(directory)?;
         let mut twin = Self { directory: directory.to_owned(), name, number: 0, value: PhantomData };
-        let (mut newest, mut complaints) = (None, Vec::new());
-        for place in 0..2 {
+        let (mut newest, mut complaints, mut missing) = (None, Vec::new(), Vec::new());
+        for place in 0..COPIES {
             let path = twin.path(place);
             match read(&path) {
                 Ok(Some((number, value))) if number > twin.number => (twin.number, newest) = (number, Some(value)),
-                Ok(_) => {}
+                Ok(Some(_)) => {}
+                Ok(None) => missing.push(format!("{}: missing", path.display())),
                 Err(error) => complaints.push(format!("{}: {error}", path.display())),
             }
+        }
+        // Where neither is there, nothing was kept yet.
+        if missing.len() < COPIES {
+            complaints.append(&mut missing);
         }
         Ok((twin, newest, complaints))
     }
@@ -52,22 +60,31 @@ impl<T: Serialize + DeserializeOwned> Twin<T> {
         &self.directory
     }
 
-    fn path(&self, place: u64) -> PathBuf {
+    fn path(&self, place: usize) -> PathBuf {
         self.directory.join(format!("{}.{place}", self.name))
     }
 
-    /// Writes the value into the older file, and waits until the disk has it.
+    /// Writes the value into both files, and waits until the disk has it. One copy is enough to go on with.
     ///
     /// # Errors
-    /// As the disk says.
+    /// As the disk says, where it takes neither.
     pub fn write(&mut self, value: &T) -> io::Result<()> {
         let number = self.number + 1;
         let bytes = encode(number, value)?;
-        let mut file = OpenOptions::new().write(true).create(true).truncate(false).open(self.path(number % 2))?;
-        file.write_all(&bytes)?;
-        file.sync_data()?;
+        // While the first is written, the second has what was kept before.
+        match (self.write_copy(0, &bytes), self.write_copy(1, &bytes)) {
+            (Err(error), Err(_)) => return Err(error),
+            (Err(error), Ok(())) | (Ok(()), Err(error)) => tracing::warn!(name = self.name, %error, "one copy of two is kept"),
+            (Ok(()), Ok(())) => {}
+        }
         self.number = number;
         Ok(())
+    }
+
+    fn write_copy(&self, place: usize, bytes: &[u8]) -> io::Result<()> {
+        let mut file = OpenOptions::new().write(true).create(true).truncate(false).open(self.path(place))?;
+        file.write_all(bytes)?;
+        file.sync_data()
     }
 }
 
@@ -116,6 +133,8 @@ fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Option<(u64, T)> {
 mod tests {
     use super::*;
     use crate::command::{Act, Authenticity, BootId, Command, FlightComputer, Guard, Memory, Sender, Situation, Slot};
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
     use std::time::Duration;
 
     fn open(directory: &Path) -> io::Result<(Twin<Memory>, Option<Memory>, Vec<String>)> {
@@ -138,41 +157,92 @@ mod tests {
     #[test]
     fn what_was_written_last_is_read_and_the_files_keep_their_size() {
         let directory = tempfile::tempdir().unwrap();
-        let (mut ledger, first, _) = open(directory.path()).unwrap();
-        assert_eq!(first, None);
+        let (mut ledger, first, complaints) = open(directory.path()).unwrap();
+        assert_eq!((first, complaints.len()), (None, 0));
         for commands in 1..=5 {
             ledger.write(&memory(commands)).unwrap();
             let (_, read, complaints) = open(directory.path()).unwrap();
             assert_eq!(read, Some(memory(commands)));
             assert!(complaints.is_empty());
         }
-        for place in 0..2 {
+        for place in 0..COPIES {
             assert_eq!(fs::metadata(ledger.path(place)).unwrap().len(), FILE_BYTES as u64);
         }
     }
 
-    #[test]
-    fn a_file_torn_at_any_byte_leaves_what_was_kept_before() {
+    /// Directory with two whole copies of three commands, what each has of it, and what each would have had of two.
+    fn three_commands() -> (tempfile::TempDir, Vec<PathBuf>, Vec<u8>, Vec<u8>) {
         let directory = tempfile::tempdir().unwrap();
         let (mut ledger, ..) = open(directory.path()).unwrap();
         for commands in 1..=3 {
             ledger.write(&memory(commands)).unwrap();
         }
-        let path = ledger.path(1);
-        let whole = fs::read(&path).unwrap();
-        let old = encode(1, &memory(1)).unwrap();
+        let paths: Vec<_> = (0..COPIES).map(|place| ledger.path(place)).collect();
+        let whole = fs::read(&paths[0]).unwrap();
+        assert_eq!(whole, fs::read(&paths[1]).unwrap());
+        (directory, paths, whole, encode(2, &memory(2)).unwrap())
+    }
+
+    #[test]
+    fn a_write_that_breaks_off_at_any_byte_leaves_what_was_kept_before_or_after_it() {
+        let (directory, paths, whole, old) = three_commands();
         let used = whole.iter().rposition(|byte| *byte != 0).unwrap() + 1;
-        for torn in 0..used {
-            // The write got so far over the older record.
+        for torn in 0..=used {
             let mixed = [&whole[..torn], &old[torn..]].concat();
-            fs::write(&path, mixed).unwrap();
-            let (_, read, _) = open(directory.path()).unwrap();
-            assert!(read == Some(memory(2)) || read == Some(memory(3)), "torn at {torn}");
+            // In the first file, while the second has what was before; then in the second.
+            for (first, second) in [(&mixed, &old), (&whole, &mixed)] {
+                fs::write(&paths[0], first).unwrap();
+                fs::write(&paths[1], second).unwrap();
+                let (_, read, _) = open(directory.path()).unwrap();
+                let newest = if first == &whole { 3..=3 } else { 2..=3 };
+                assert!(newest.map(memory).any(|memory| read == Some(memory)), "torn at {torn}");
+            }
         }
-        for cut in [0, 5, 30, used - 1] {
-            fs::write(&path, &whole[..cut]).unwrap();
+    }
+
+    #[test]
+    fn a_copy_that_is_cut_damaged_or_gone_is_complained_about_and_the_other_is_taken() {
+        let (directory, paths, whole, _) = three_commands();
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let used = whole.iter().rposition(|byte| *byte != 0).unwrap() + 1;
+        for place in 0..COPIES {
+            let check = |what: String| {
+                let (_, read, complaints) = open(directory.path()).unwrap();
+                assert_eq!((read, complaints.len()), (Some(memory(3)), 1), "{what}");
+            };
+            for cut in 0..used {
+                fs::write(&paths[place], &whole[..cut]).unwrap();
+                check(format!("cut at {cut}"));
+            }
+            for _ in 0..1000 {
+                let mut damaged = whole.clone();
+                for _ in 0..random.random_range(1..=8) {
+                    let at = random.random_range(0..used);
+                    damaged[at] ^= random.random_range(1..=255_u8);
+                }
+                if damaged != whole {
+                    fs::write(&paths[place], &damaged).unwrap();
+                    check(format!("{damaged:?}"));
+                }
+            }
+            fs::remove_file(&paths[place]).unwrap();
+            check("gone".to_owned());
+            fs::write(&paths[place], &whole).unwrap();
+        }
+    }
+
+    #[test]
+    fn where_both_are_damaged_nothing_is_believed_and_both_are_named() {
+        let (directory, paths, whole, _) = three_commands();
+        let mut random = ChaCha8Rng::seed_from_u64(2);
+        for _ in 0..1000 {
+            for path in &paths {
+                let mut damaged = whole.clone();
+                damaged[random.random_range(0..HEAD + 8)] ^= random.random_range(1..=255_u8);
+                fs::write(path, &damaged).unwrap();
+            }
             let (_, read, complaints) = open(directory.path()).unwrap();
-            assert_eq!((read, complaints.len()), (Some(memory(2)), 1), "cut at {cut}");
+            assert_eq!((read, complaints.len()), (None, 2));
         }
     }
 

@@ -259,6 +259,7 @@ pub(super) const RULES: &[Rule] = &[
     number("housekeeping.pressure.high_atm", "atm", 0.0, 100.0),
     number("service.restart_delay_s", "s", 0.001, 60.0),
     number("service.restart_delay_max_s", "s", 0.001, 3600.0),
+    number("service.hang_s", "s", 2.0, 3600.0),
 ];
 
 /// The rule of a key.

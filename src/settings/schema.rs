@@ -556,4 +556,6 @@ pub struct ServiceSettings {
     pub restart_delay_s: f64,
     /// Longest such pause, s.
     pub restart_delay_max_s: f64,
+    /// A part of the program that does not come round for this long hangs, and is started again, s.
+    pub hang_s: f64,
 }

@@ -121,7 +121,11 @@ impl FlightComputer {
         self.link.updates = self.link.updates.wrapping_add(1);
         self.link.last_sequence = Some(update.link.sequence.get());
         let relay = &mut self.relay;
-        relay.camera_boot = update.link.boot_id.get();
+        // A camera that was started again on the same connection counts its replies from 1.
+        let boot = update.link.boot_id.get();
+        if std::mem::replace(&mut relay.camera_boot, boot) != boot {
+            relay.acknowledged = 0;
+        }
         let lease = update.control.lease_epoch.get().map(|epoch| epoch.get());
         relay.lease = lease.filter(|_| update.authority.you_are_in_charge);
         let known = relay.acknowledged;

@@ -142,6 +142,7 @@ mod tests {
         agrees::<ClockQuality>();
         agrees::<crate::wire::Actor>();
         agrees::<crate::wire::LastEnd>();
+        agrees::<crate::wire::Found>();
     }
 
     #[test]

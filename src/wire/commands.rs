@@ -30,6 +30,7 @@ codes!(Refusal {
     17 Program "program",
     18 Dialect "dialect",
     19 NoResult "no_result",
+    20 Restarted "restarted",
 });
 
 codes!(Stage {
@@ -108,7 +109,7 @@ body! {
         /// Counters of commands are kept on disk, so that none runs again after a restart.
         counters_kept: bool => "";
         /// Commands refused since the camera's start, by the codes of `last_refusal`.
-        refused: List<U32Le, 19> => "";
+        refused: List<U32Le, 20> => "";
         /// Settings that commands have changed from the values of the start.
         settings_commanded: U16Le => "";
         /// How many of the replies below there are.

@@ -56,6 +56,27 @@ codes!(LastEnd {
     4 ComputerRestarted "computer_restarted",
 });
 
+/// What was found at the start of what earlier runs kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Found {
+    /// Nothing was kept yet, or nothing is to be.
+    Nothing,
+    /// Both copies were whole.
+    Whole,
+    /// One copy was damaged; the other was taken.
+    OneCopy,
+    /// Both copies were damaged; all begins anew.
+    Damaged,
+}
+
+codes!(Found {
+    1 Nothing "nothing",
+    2 Whole "whole",
+    3 OneCopy "one_copy",
+    4 Damaged "damaged",
+});
+
 body! {
     /// How old and how good the housekeeping's values are, and what was started again and why.
     pub struct Health {
@@ -99,6 +120,8 @@ body! {
         run_number: Maybe<U32Le> => "";
         /// How the run before this one ended.
         last_end: Maybe<Coded<LastEnd>> => "";
+        /// What was found at the start of what earlier runs kept: counters of commands, commanded settings, the focus.
+        kept_at_start: Coded<Found> => "";
         /// Times that the lens's actor was started again.
         restarts_lens: U32Le => "";
         /// Times that the ledger was started again.

@@ -144,6 +144,7 @@ fn health() -> Health {
         disk_days_left: Some(12.375).into(),
         run_number: Some(70_011u32).into(),
         last_end: Some(LastEnd::ComputerRestarted).into(),
+        kept_at_start: Found::OneCopy.into(),
         restarts_lens: 111.into(),
         restarts_ledger: 112.into(),
         restarts_housekeeping: 113.into(),

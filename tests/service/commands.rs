@@ -2,11 +2,12 @@
 
 use crate::support::{PATIENCE, plain_camera, plain_solver, settings, start};
 use stars::command::{Act, Command, Definition, Hazard, MAX_VALUES, Refusal, Stage};
-use stars::lens::{LensCommand, RequestCounter};
-use stars::service::{LensHandle, Parts, Running, Seen, Sighting, fly};
+use stars::lens::{Doubt, LensCommand, RequestCounter};
+use stars::service::{Inherited, LensHandle, Manager, Parts, Running, Seen, Sighting, SimulatedLens, fly};
 use stars::settings::{LensKind, Settings};
 use stars::simulate::FlightComputer;
-use stars::wire::{CommandReply, Update};
+use stars::simulate::lens::FaultKind;
+use stars::wire::{CommandReply, Found, Update};
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::time::timeout;
@@ -365,10 +366,69 @@ async fn what_ran_before_a_restart_of_the_camera_does_not_run_after_it() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn commanded_settings_the_last_lease_and_the_focus_outlast_a_restart_and_a_lens_that_lost_its_counts_meanwhile_is_found_out()
+ {
+    let room = tempfile::tempdir().unwrap();
+    let settings = || {
+        let mut settings = lens_settings();
+        settings.lens.relearn = false;
+        settings.lens.init_on_startup = false;
+        settings.commands.ledger_directory = room.path().to_str().unwrap().to_owned();
+        settings
+    };
+    let lens = SimulatedLens::new(&settings().lens, 1).unwrap();
+    let begin = || start(settings(), Parts { camera: plain_camera(), solver: plain_solver(), lens: Some(lens.clone()) });
+
+    let running = begin().await;
+    let mut ground = Ground::of(&running, 1, true);
+    ground.update(|update| update.lens.lens_connected).await;
+    assert_eq!(ground.run("lens.init_focus").await.0, DONE);
+    assert_eq!(ground.run("lens.set_focus 3030").await.0, DONE);
+    assert_eq!(ground.run("solver.configure 0 7.5").await.0, [Stage::Accepted, Stage::Completed]);
+    assert_eq!(ground.run("solver.configure 0 8.5").await.0, [Stage::Accepted, Stage::Completed]);
+    let before = ground.update(|update| update.control.settings_commanded.get() == 2).await;
+    assert_eq!(before.health.kept_at_start.get(), Some(Found::Nothing));
+    drop(ground);
+    assert!(running.stop().await.is_empty());
+
+    let running = begin().await;
+    assert_eq!(running.state.borrow().settings.solver.timeout_s, 8.5);
+    let mut ground = Ground::of(&running, 1, true);
+    let after = ground.update(|update| update.camera.focus_counts.get().is_some() && update.authority.you_are_in_charge).await;
+    assert_eq!(after.camera.focus_counts.get().unwrap().get(), 3030);
+    assert_eq!(after.health.kept_at_start.get(), Some(Found::Whole));
+    assert_eq!(after.control.settings_commanded.get(), 2);
+    assert!(after.control.lease_epoch.get().unwrap().get() > before.control.lease_epoch.get().unwrap().get());
+    drop(ground);
+    assert!(running.stop().await.is_empty());
+
+    // While nobody looks, the motor turns by what nobody counted.
+    lens.inject(FaultKind::CountsLost, Duration::from_secs(1));
+    std::fs::write(room.path().join("kept.0"), "damaged").unwrap();
+    let running = begin().await;
+    let mut ground = Ground::of(&running, 1, true);
+    let found = ground.update(|update| update.lens.lens_connected && update.lens.focus_doubt.value().is_some()).await;
+    assert_eq!(found.health.kept_at_start.get(), Some(Found::OneCopy));
+    ground.update(|update| update.lens.focus_doubt.value() == Some(Doubt::CountsLost)).await;
+    assert_eq!(ground.run("service.factory_reset").await.0, [Stage::Accepted, Stage::Completed]);
+    drop(ground);
+    assert!(running.stop().await.is_empty());
+
+    let running = begin().await;
+    assert_eq!(running.state.borrow().settings_commanded, 0);
+    assert_eq!(running.state.borrow().found, Found::Whole, "a damaged copy is whole again after the next write");
+    assert!(running.stop().await.is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_directory_that_no_ledger_can_be_in_is_named_at_the_start() {
     let file = tempfile::NamedTempFile::new().unwrap();
     let mut settings = settings();
     settings.commands.ledger_directory = file.path().to_str().unwrap().to_owned();
-    let error = stars::service::start(std::sync::Arc::new(settings)).await.err().unwrap().to_string();
+    let error = stars::service::start(std::sync::Arc::new(settings), Inherited::default(), Manager::default())
+        .await
+        .err()
+        .unwrap()
+        .to_string();
     assert!(error.contains("commands.ledger_directory") && error.contains(file.path().to_str().unwrap()), "{error}");
 }

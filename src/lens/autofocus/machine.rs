@@ -4,11 +4,11 @@ use super::curves::{CurvePoint, Samples};
 use super::plan::Pace;
 use super::run::Run;
 use super::verdict::BestFocus;
-use super::width::{FocusEstimate, WidthMonitor};
+use super::width::{FocusEstimate, WidthMonitor, Widths};
 use super::{AutofocusRules, Decision, Event, Finding, Refusal};
 use crate::command::Tick;
 use crate::lens::FocusCounts;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 /// What the autofocus is at.
@@ -37,6 +37,15 @@ pub struct Autofocus {
     best: Option<BestFocus>,
     /// What the last run saw.
     seen: Samples,
+}
+
+/// What the autofocus learns from its searches: kept, it is there after a restart of the program too.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Learned {
+    /// The best focus that a search found last.
+    pub best: Option<BestFocus>,
+    /// How wide stars are, as a search measured it.
+    pub widths: Option<Widths>,
 }
 
 /// What telemetry and display are told.
@@ -76,6 +85,21 @@ impl Autofocus {
             seen: Samples::default(),
             rules,
         }
+    }
+
+    /// An autofocus that knows what an earlier run of the program learned.
+    pub fn knowing(rules: AutofocusRules, learned: &Learned) -> Self {
+        let mut autofocus = Self::new(rules);
+        autofocus.best = learned.best;
+        if let Some(widths) = learned.widths {
+            autofocus.widths.adopt(widths);
+        }
+        autofocus
+    }
+
+    /// What it has learned that outlasts a run of the program.
+    pub fn learned(&self) -> Learned {
+        Learned { best: self.best, widths: self.widths.learned() }
     }
 
     /// Takes an event at a time, which never goes back.

@@ -33,23 +33,23 @@ mod width;
 mod tests;
 
 pub use curves::CurvePoint;
-pub use machine::{Autofocus, AutofocusStatus, Mode};
+pub use machine::{Autofocus, AutofocusStatus, Learned, Mode};
 pub use verdict::{BestFocus, Curve, Side};
-pub use width::{FocusEstimate, Slope};
+pub use width::{FocusEstimate, Slope, Widths};
 
 use super::FocusCounts;
 use crate::command::Tick;
 use crate::image::ImageCounter;
 use crate::settings::FocusSettings;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 /// A star's place in the catalogue.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct StarId(pub u32);
 
 /// A measured value and one σ of it.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Metric {
     /// The value.
     pub value: f64,

@@ -4,7 +4,7 @@ use super::curves::{Sample, Samples, minutes};
 use super::fit::{Fit, FitPrior, Point, fit};
 use super::{Metric, StarId};
 use crate::command::Tick;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// One σ of what the best focus may drift by, counts/min, as far as it is known beforehand.
 const DRIFT_SIGMA: f64 = 2.0;
@@ -17,7 +17,7 @@ const LEAST_BESIDE: usize = 2;
 const SURE: f64 = 0.5;
 
 /// Whose peaks a curve is made of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Curve {
     /// The brightest source of each image.
@@ -37,7 +37,7 @@ pub enum Side {
 }
 
 /// A best focus.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct BestFocus {
     /// Position at the time that it was asked for, approached from below, counts.
     pub counts: Metric,

@@ -8,7 +8,7 @@ use super::verdict::Peak;
 use super::{AutofocusRules, FWHM_PER_SIGMA, FocusImage, Metric};
 use crate::command::Tick;
 use crate::lens::FocusCounts;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -52,6 +52,15 @@ pub struct FocusEstimate {
     pub calibrated: bool,
     /// How it changed since the lens stands here.
     pub slope: Slope,
+}
+
+/// How wide stars are.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Widths {
+    /// Full width at half maximum in best focus, px.
+    pub sharp_px: f64,
+    /// Its growth away from there, in quadrature, px a count.
+    pub px_per_count: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -125,6 +134,16 @@ impl WidthMonitor {
         if at_focus > 0.0 && growth > 3.0 * line.slope.sigma {
             (self.sharp_px, self.rate, self.calibrated) = (at_focus.sqrt(), growth.sqrt(), true);
         }
+    }
+
+    /// What a sweep has shown of the widths; `None` before one has.
+    pub fn learned(&self) -> Option<Widths> {
+        self.calibrated.then_some(Widths { sharp_px: self.sharp_px, px_per_count: self.rate })
+    }
+
+    /// Takes what an earlier sweep has shown.
+    pub fn adopt(&mut self, widths: Widths) {
+        (self.sharp_px, self.rate, self.calibrated) = (widths.sharp_px, widths.px_per_count, true);
     }
 
     /// What the widths say; `None` before the first.

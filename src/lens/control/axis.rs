@@ -70,6 +70,12 @@ impl<T: Copy> Axis<T> {
         }
     }
 
+    /// One that an earlier run of the program knew to be at `at`.
+    pub fn resume(&mut self, at: T) {
+        self.expected = Some((at, at));
+        self.home = Some(at);
+    }
+
     /// A word that moves it goes out; on which way, if that is known.
     pub fn begin_move(&mut self, way: Option<(T, T)>) {
         self.known = Known::Moving;

@@ -20,7 +20,7 @@ mod work;
 use super::language::{Misread, Word, printable};
 use super::request::{AperturePosition, FocusCounts, LensCommand, LensError, LensResult, RequestCounter};
 use super::rules::Rules;
-use super::state::{Doubt, Known, LensState};
+use super::state::{Doubt, FocusKept, Known, LensState};
 use crate::command::Tick;
 use axis::Axis;
 use job::{Job, Step};
@@ -134,6 +134,17 @@ impl Control {
             errors: BTreeMap::new(),
             last_error: None,
         }
+    }
+
+    /// The same, after an earlier run of the program that left the focus so: a controller that lost power or counts meanwhile is found out.
+    pub fn resuming(rules: Rules, focus: FocusKept) -> Self {
+        let mut control = Self::new(rules);
+        match focus {
+            FocusKept::Unknown => {}
+            FocusKept::At(at) => control.focus.resume(at),
+            FocusKept::InDoubt => control.focus.unlearn(Doubt::CountsLost),
+        }
+        control
     }
 
     /// Takes note of an event at `now`, which never runs backwards.

@@ -4,6 +4,7 @@ use super::trend::Trend;
 use super::{Measurements, Quantity, Reading, Sensor, SensorError};
 use crate::service::clock::Clock;
 use crate::service::hub::{self, ToHub};
+use crate::service::pulse::Pulse;
 use crate::service::supervisor::{Ended, panic_message, panic_text};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -54,7 +55,7 @@ struct Desk {
 
 impl Housekeeper {
     /// Runs until stopped.
-    pub async fn run(self) -> Result<(), Ended> {
+    pub async fn run(self, pulse: Pulse) -> Result<(), Ended> {
         let mut desk = Desk {
             idle: (self.make)(),
             asked: JoinSet::new(),
@@ -80,6 +81,7 @@ impl Housekeeper {
                     self.tell(&mut desk).await;
                     desk.ask(&self.clock);
                 }
+                () = pulse.rest() => {}
             }
         }
     }
@@ -164,7 +166,7 @@ mod tests {
             clock: Clock::start(),
             stop: stop.clone(),
         };
-        tokio::spawn(actor.run());
+        tokio::spawn(actor.run(Pulse::new()));
         (inbox, stop)
     }
 

@@ -48,6 +48,7 @@ pub fn health(state: &State, now: Instant) -> Health {
         disk_days_left: state.measured.disk_days_left.filter(|_| disk_is_known).into(),
         run_number: state.run.number.into(),
         last_end: state.run.last_end.into(),
+        kept_at_start: state.found.into(),
         restarts_lens: restarts(Actor::Lens),
         restarts_ledger: restarts(Actor::Ledger),
         restarts_housekeeping: restarts(Actor::Housekeeping),

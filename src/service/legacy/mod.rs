@@ -12,6 +12,7 @@ use super::listener::{keep_session, next_connection};
 use super::session::{Closed, Shared};
 use super::supervisor::Ended;
 use crate::command::FlightComputer;
+use crate::service::pulse::Pulse;
 use crate::settings::LegacySettings;
 use crate::wire::legacy::{BLOCK_BYTES, Block};
 use answer::Teller;
@@ -50,11 +51,11 @@ pub struct LegacyListener {
 ///
 /// # Errors
 /// Where the address cannot be had.
-pub fn bind(settings: &LegacySettings) -> io::Result<Option<TcpListener>> {
+pub fn bind(settings: &LegacySettings, inherited: Option<std::net::TcpListener>) -> io::Result<Option<TcpListener>> {
     if !settings.enabled {
         return Ok(None);
     }
-    let socket = std::net::TcpListener::bind(&settings.listen)?;
+    let socket = inherited.map_or_else(|| std::net::TcpListener::bind(&settings.listen), Ok)?;
     socket.set_nonblocking(true)?;
     TcpListener::from_std(socket).map(Some)
 }
@@ -74,9 +75,9 @@ impl LegacyListener {
     }
 
     /// Takes connections until stopped.
-    pub async fn run(self) -> Result<(), Ended> {
+    pub async fn run(self, pulse: Pulse) -> Result<(), Ended> {
         tracing::info!(address = ?self.address(), "serving the legacy dialect");
-        while let Some((stream, address)) = next_connection(&self.socket, &self.shared).await {
+        while let Some((stream, address)) = next_connection(&self.socket, &self.shared, &pulse).await {
             self.take(stream, address).await;
         }
         Ok(())

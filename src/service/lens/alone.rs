@@ -1,10 +1,11 @@
 //! The lens without the rest of the service: for trials of a lens, and of the actor.
 
 use super::{Handle, LensActor, SimulatedLens, serial_ports};
-use crate::lens::{Doubt, LensResult, LensState, RequestCounter, Rules};
+use crate::lens::{Doubt, FocusKept, LensResult, LensState, RequestCounter, Rules};
 use crate::service::clock::Clock;
 use crate::service::hub::{self, ToHub};
 use crate::service::inbox;
+use crate::service::pulse::Pulse;
 use crate::settings::LensSettings;
 use std::sync::Arc;
 use tokio::sync::{mpsc, watch};
@@ -32,11 +33,12 @@ impl LensAlone {
             hub: hub::Handle::new(to_hub),
             ports: simulated.map(SimulatedLens::ports).or_else(|| serial_ports(settings)),
             rules: Rules::of(settings),
+            focus_before: Arc::new(FocusKept::default),
             open: Arc::default(),
             clock: Clock::start(),
             stop: stop.clone(),
         };
-        tokio::spawn(actor.run());
+        tokio::spawn(actor.run(Pulse::new()));
         if let Some(simulated) = simulated {
             tokio::spawn(simulated.clone().run(stop.clone()));
         }

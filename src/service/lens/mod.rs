@@ -15,8 +15,11 @@ pub use simulated::SimulatedLens;
 use super::clock::Clock;
 use super::hub::{self, ToHub};
 use super::inbox::Inbox;
+use super::pulse::Pulse;
 use super::supervisor::Ended;
-use crate::lens::{Action, Control, Doubt, Event, LensCommand, LensError, LensResult, LensState, RequestCounter, Rules};
+use crate::lens::{
+    Action, Control, Doubt, Event, FocusKept, LensCommand, LensError, LensResult, LensState, RequestCounter, Rules,
+};
 use port::{Opening, Port};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -55,6 +58,9 @@ impl Handle {
     }
 }
 
+/// What is known of the focus from before.
+pub type FocusBefore = Arc<dyn Fn() -> FocusKept + Send + Sync>;
+
 /// The lens's actor.
 #[derive(Clone)]
 pub struct LensActor {
@@ -66,6 +72,8 @@ pub struct LensActor {
     pub ports: Option<Ports>,
     /// Times, tolerances and permissions.
     pub rules: Rules,
+    /// What is known of the focus from before, when the actor starts.
+    pub focus_before: FocusBefore,
     /// Requests that were not answered to their end; they outlive the actor, so that each is answered.
     pub open: Arc<Mutex<BTreeSet<RequestCounter>>>,
     /// The service's clock.
@@ -83,20 +91,20 @@ struct Outside {
 
 impl LensActor {
     /// Runs until stopped.
-    pub async fn run(self) -> Result<(), Ended> {
+    pub async fn run(self, pulse: Pulse) -> Result<(), Ended> {
         let lost: Vec<RequestCounter> =
             std::mem::take(&mut *self.open.lock().unwrap_or_else(PoisonError::into_inner)).into_iter().collect();
         for counter in lost {
             self.hub.tell(ToHub::LensResult { counter, result: LensResult::Failed(LensError::Restarted) }).await;
         }
         match self.ports.clone() {
-            Some(ports) => self.control(Outside { ports, port: None, opening: Opening::default() }).await,
-            None => self.refuse().await,
+            Some(ports) => self.control(&pulse, Outside { ports, port: None, opening: Opening::default() }).await,
+            None => self.refuse(&pulse).await,
         }
     }
 
     /// There is no lens: whatever is asked is refused.
-    async fn refuse(self) -> Result<(), Ended> {
+    async fn refuse(self, pulse: &Pulse) -> Result<(), Ended> {
         self.hub.tell(ToHub::Lens(Box::new(LensState::unknown(Doubt::NoLens)))).await;
         let mut inbox = self.inbox.open().await;
         loop {
@@ -106,13 +114,14 @@ impl LensActor {
                 Some(ToLens::Request { counter, .. }) = inbox.recv() => {
                     self.hub.tell(ToHub::LensResult { counter, result: LensResult::Failed(LensError::NotThere) }).await;
                 }
+                () = pulse.rest() => {}
             }
         }
     }
 
-    async fn control(self, mut outside: Outside) -> Result<(), Ended> {
+    async fn control(self, pulse: &Pulse, mut outside: Outside) -> Result<(), Ended> {
         let mut inbox = self.inbox.open().await;
-        let mut control = Control::new(self.rules.clone());
+        let mut control = Control::resuming(self.rules.clone(), (self.focus_before)());
         let mut told = None;
         loop {
             let deadline = control.deadline().map(|tick| self.clock.started() + tick);
@@ -122,6 +131,7 @@ impl LensActor {
                 Some(first) = inbox.recv() => self.take_all(first, &mut inbox),
                 event = outside.next() => event,
                 () = hub::sleep_until(deadline) => Event::Time,
+                () = pulse.rest() => continue,
             };
             self.carry_out(&mut control, event, &mut outside, &mut told).await;
         }

@@ -1,0 +1,71 @@
+//! Pulses: an actor shows that its loop comes round. One that does not is started again, and the program that has one which does not is
+//! not fit to go on: see [`super::watchdog`].
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use tokio::time::{Instant, Sleep, sleep, sleep_until};
+
+/// An actor's loop comes round at least this often, whatever it waits for.
+const PERIOD: Duration = Duration::from_secs(1);
+
+/// The pulse of one actor.
+#[derive(Debug, Clone)]
+pub struct Pulse(Arc<Mutex<Instant>>);
+
+impl Pulse {
+    /// One that beats now for the first time.
+    pub fn new() -> Self {
+        Self(Arc::new(Mutex::new(Instant::now())))
+    }
+
+    /// Beats.
+    pub fn beat(&self) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
+    }
+
+    /// Beats, and ends when the next beat is due: the last branch of an actor's `select!`.
+    pub fn rest(&self) -> Sleep {
+        self.beat();
+        sleep(PERIOD)
+    }
+
+    fn last(&self) -> Instant {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// For how long it has not beaten.
+    pub fn silence(&self) -> Duration {
+        self.last().elapsed()
+    }
+
+    /// Ends once it has not beaten for so long.
+    pub async fn lost(&self, limit: Duration) {
+        loop {
+            let at = self.last() + limit;
+            if Instant::now() >= at {
+                return;
+            }
+            sleep_until(at).await;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn it_is_lost_when_it_has_not_beaten_for_long_enough_and_not_before() {
+        let (pulse, limit) = (Pulse::new(), Duration::from_secs(10));
+        let began = Instant::now();
+        let actor = pulse.clone();
+        tokio::spawn(async move {
+            for _ in 0..30 {
+                actor.rest().await;
+            }
+        });
+        pulse.lost(limit).await;
+        assert_eq!(began.elapsed(), Duration::from_secs(39), "thirty beats, the first at once, and then ten seconds without");
+        assert_eq!(pulse.silence(), limit);
+    }
+}
