@@ -9,12 +9,12 @@ a second that only listens on a standing connection; and one that connects anew 
 `wanted: … got: … PASS|FAIL` for each thing wanted; exits 1 if any failed.
 """
 
+import fcntl
 import os
 import random
 import re
 import signal
 import socket
-import struct
 import subprocess
 import sys
 import threading
@@ -32,11 +32,13 @@ from watch_service import free_address, settings  # noqa: E402
 UPDATE_WITHIN_S = 0.5
 SOLUTION_WITHIN_S = 1.0
 RETRY_S = 0.01
-# The lens of these trials moves between these places, counts.
-FOCUS = (2900, 3100)
+# The lens of these trials is in focus here, and moves between these places, counts.
+BEST_FOCUS, FOCUS = 3000, (2985, 3015)
 # Frames come this often, s, so that one is being solved at nearly every kill.
 BUSY_PERIOD_S = 0.02
 STARTS_WITHIN_S = 30.0
+# Stages after which nothing more comes.
+LAST = ("completed", "rejected", "failed")
 # A first block runs nothing and the lease is granted within some statuses; then a command ends within a second or so.
 COMMAND_WAITS_S = 30.0
 
@@ -63,7 +65,8 @@ class Manager:
                 self.alive += said.get("WATCHDOG") == "1"
                 if said.get("FDSTORE") == "1":
                     for file in files:
-                        os.close(self.kept.pop(name)) if name in self.kept else None
+                        if name in self.kept:
+                            os.close(self.kept.pop(name))
                         self.kept[name] = file
                 elif said.get("FDSTOREREMOVE") == "1" and name in self.kept:
                     os.close(self.kept.pop(name))
@@ -75,7 +78,7 @@ class Manager:
             high = [os.dup(file) for file in files]
 
         def hand_over():
-            far = [__import__("fcntl").fcntl(file, __import__("fcntl").F_DUPFD, 200) for file in high]
+            far = [fcntl.fcntl(file, fcntl.F_DUPFD, 200) for file in high]
             for place, file in enumerate(far):
                 os.dup2(file, 3 + place)
                 os.close(file)
@@ -195,11 +198,14 @@ class Ground(threading.Thread):
                 text = f"solver.configure 1 {5 + number / 1000}"
                 unique = True
             with self.watcher.lock:
-                known = len(self.watcher.replies)
-                self.watcher.relay.waiting.append(proto.parse_command(text))
+                order = proto.parse_command(text)
+                counter = self.watcher.relay.counters.get(order[1], 0) + 1
+                self.watcher.relay.waiting.append(order)
+            # What was told before a restart may be told again after it: a reply is known by its command and counter.
+            ends = lambda r: (r["command"], r["counter"]) == (order[1], counter) and r["stage"] in LAST  # noqa: E731
             deadline, last = time.monotonic() + COMMAND_WAITS_S, None
             while time.monotonic() < deadline and last is None:
-                last = next((r for r in self.watcher.replies[known:] if r["stage"] in ("completed", "rejected", "failed")), None)
+                last = next(filter(ends, self.watcher.replies), None)
                 time.sleep(0.005)
             self.ended.append((text if unique else None, last))
 
@@ -251,6 +257,7 @@ def main():
     os.chdir(scratch)
     command = [os.path.abspath(stars), "run"] + settings(
         network__listen=address, camera__period_s=BUSY_PERIOD_S, camera__startup_delay_s=0, lens__simulated__speedup=20,
+        lens__simulated__start_counts=BEST_FOCUS, simulate__best_focus_counts=BEST_FOCUS,
         record__directory="record", commands__ledger_directory="state", catalog__cache_directory="cache",
         network__max_connections=16)
     manager = Manager(command, scratch)
