@@ -256,7 +256,7 @@ def main():
     verdict, rng, address = Verdict(), random.Random(seed), free_address()
     os.chdir(scratch)
     command = [os.path.abspath(stars), "run"] + settings(
-        network__listen=address, camera__period_s=BUSY_PERIOD_S, camera__startup_delay_s=0, lens__simulated__speedup=20,
+        network__listen=address, camera__period_s=BUSY_PERIOD_S, simulate__kind="night", camera__startup_delay_s=0, lens__simulated__speedup=20,
         lens__simulated__start_counts=BEST_FOCUS, simulate__best_focus_counts=BEST_FOCUS,
         record__directory="record", commands__ledger_directory="state", catalog__cache_directory="cache",
         network__max_connections=16)
