@@ -14,6 +14,7 @@ pub mod service;
 pub mod settings;
 pub mod simulate;
 pub mod sky;
+pub mod soak;
 pub mod solve;
 pub mod sources;
 pub mod wire;

@@ -1,6 +1,5 @@
 //! `stars demo`: the flight service with a simulated sky and two simulated flight computers, beside the truth.
 
-use super::judge::{COVERED_SIGMA, Judged};
 use super::run::{end, runtime, start_logging, stop_signal, until};
 use super::{ConfigArgs, NEGATIVE, print};
 use crate::camera::{CameraError, Gondola, Moment, SimulatedSky, Source};
@@ -9,7 +8,7 @@ use crate::service::{
     MakeSource, Parts, Running, Seen, Sighting, SimulatedLens, Stars, StartError, fly, simulated_sky, start_with,
 };
 use crate::settings::{CameraKind, Layer, LensKind, Loaded, Settings, parse_span};
-use crate::simulate::FlightComputer;
+use crate::simulate::{COVERED_SIGMA, FlightComputer, Judged};
 use crate::sky::Attitude;
 use crate::solve::{PointingReport, Reason};
 use crate::wire::{Equatorial, Image};

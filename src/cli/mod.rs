@@ -9,12 +9,12 @@ mod config;
 mod demo;
 mod fcp;
 mod font;
-mod judge;
 mod overlay;
 mod render;
 mod run;
 mod selftest;
 mod settings;
+mod soak;
 mod solve;
 mod text;
 
@@ -42,6 +42,7 @@ enum Command {
     Run(run::Args),
     Selftest(selftest::Args),
     Settings(settings::Args),
+    Soak(soak::Args),
     Solve(solve::Args),
 }
 
@@ -55,6 +56,7 @@ impl Command {
             Self::Run(args) => args.run(),
             Self::Selftest(args) => args.run(),
             Self::Settings(args) => args.run(),
+            Self::Soak(args) => args.run(),
             Self::Solve(args) => args.run(),
         }
     }

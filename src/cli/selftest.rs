@@ -1,6 +1,5 @@
 //! `stars selftest`: before launch, in daylight: is everything there that the flight service needs?
 
-use super::judge::Judged;
 use super::run::runtime;
 use super::{ConfigArgs, NEGATIVE, print};
 use crate::camera::{Directory, Moment, Source};
@@ -9,6 +8,7 @@ use crate::command::FlightComputer;
 use crate::image::ImageCounter;
 use crate::service::{Clock, Keys, SensorError, Stars, is_simulated, load_bad_pixels, prepare, read_once, utc_now};
 use crate::settings::{CameraKind, LensKind, NO_ARAVIS, Settings};
+use crate::simulate::Judged;
 use crate::simulate::sky::{Kind, RenderSpec, Rendered, render};
 use crate::sky::{ARCSEC, ClockQuality};
 use crate::solve::{Outcome, PointingReport, Prior, Reason, Solver, Unwatched};

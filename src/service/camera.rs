@@ -1,6 +1,6 @@
 //! The camera's actor: asks the source for a frame on its schedule, stamps it, and hands it to the solver.
 
-use super::clock::{Clock, utc_now};
+use super::clock::Clock;
 use super::hub::{self, ToHub};
 use super::inbox::Inbox;
 use super::orders::NOBODY;
@@ -117,7 +117,9 @@ impl CameraActor {
         let uptime = self.clock.tick(at);
         let state = Arc::clone(&self.state.borrow());
         let make = Arc::clone(&self.make);
-        let job = tokio::task::spawn_blocking(move || shoot(source, &make, image, uptime));
+        let (utc, quality) = self.clock.utc();
+        let moment = Moment { image, uptime, utc, quality };
+        let job = tokio::task::spawn_blocking(move || shoot(source, &make, &moment));
         let Some(shot) = self.stop.run_until_cancelled(job).await else { return Ok(None) };
         let Shot { source, gain_db, frame } = shot.map_err(|error| Ended(panic_message(error)))?;
         if let Some(gain_db) = gain_db {
@@ -177,7 +179,7 @@ impl CameraActor {
 }
 
 /// One frame, on the blocking pool. A source that panics over an image has lost that image and is asked for the next one.
-fn shoot(source: Option<Box<dyn Source>>, make: &MakeSource, image: ImageCounter, uptime: Duration) -> Shot {
+fn shoot(source: Option<Box<dyn Source>>, make: &MakeSource, moment: &Moment) -> Shot {
     let (made, is_new) = match source {
         Some(source) => (Ok(source), false),
         None => (make(), true),
@@ -187,11 +189,9 @@ fn shoot(source: Option<Box<dyn Source>>, make: &MakeSource, image: ImageCounter
         Err(why) => return Shot { source: None, gain_db: None, frame: Err(CameraError::Unavailable(why)) },
     };
     let gain_db = if is_new { source.gain().ok() } else { None };
-    let (utc, quality) = utc_now();
-    let moment = Moment { image, uptime, utc, quality };
-    let frame = catch_unwind(AssertUnwindSafe(|| source.next(&moment))).unwrap_or_else(|panic| {
+    let frame = catch_unwind(AssertUnwindSafe(|| source.next(moment))).unwrap_or_else(|panic| {
         let problem = format!("the camera panicked: {}", panic_text(panic.as_ref()));
-        Err(CameraError::Unreadable { origin: format!("image {}", image.0), problem })
+        Err(CameraError::Unreadable { origin: format!("image {}", moment.image.0), problem })
     });
     Shot { source: Some(source), gain_db, frame }
 }

@@ -6,6 +6,7 @@
 use crate::sky::{ClockQuality, Utc};
 use std::hash::{BuildHasher, Hasher};
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, UNIX_EPOCH};
 use tokio::time::Instant;
 
@@ -17,6 +18,30 @@ const SYNCHRONISED_MARKS: [&str; 2] = ["/run/systemd/timesync/synchronized", "/r
 pub struct Clock {
     started: Instant,
     boot_id: u32,
+    /// A UTC that is made up, where it is.
+    simulated: Option<&'static SimulatedUtc>,
+}
+
+/// A UTC that follows the monotonic clock, and can be set.
+#[derive(Debug)]
+pub struct SimulatedUtc(Mutex<(Option<f64>, Instant)>);
+
+impl SimulatedUtc {
+    /// One that stands at a Unix time now, s. It lasts as long as the program.
+    pub fn begin(unix_s: f64) -> &'static Self {
+        Box::leak(Box::new(Self(Mutex::new((Some(unix_s), Instant::now())))))
+    }
+
+    /// Sets it to a Unix time, s; `None` for a clock that was never set.
+    pub fn set(&self, unix_s: Option<f64>) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = (unix_s, Instant::now());
+    }
+
+    /// The Unix time, s.
+    pub fn unix_s(&self) -> Option<f64> {
+        let (unix_s, at) = *self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        unix_s.map(|unix_s| unix_s + at.elapsed().as_secs_f64())
+    }
 }
 
 impl Clock {
@@ -24,7 +49,20 @@ impl Clock {
     pub fn start() -> Self {
         // The keys of a hasher are the one random number that the standard library draws from the system.
         let drawn = std::collections::hash_map::RandomState::new().build_hasher().finish();
-        Self { started: Instant::now(), boot_id: drawn as u32 }
+        Self { started: Instant::now(), boot_id: drawn as u32, simulated: None }
+    }
+
+    /// The same, with a UTC that is made up.
+    #[must_use]
+    pub fn with_utc(self, simulated: &'static SimulatedUtc) -> Self {
+        Self { simulated: Some(simulated), ..self }
+    }
+
+    /// UTC now, and how far it can be believed: the machine's, or one that is made up.
+    pub fn utc(&self) -> (Option<Utc>, ClockQuality) {
+        let Some(simulated) = self.simulated else { return utc_now() };
+        let utc = simulated.unix_s().and_then(Utc::from_unix);
+        (utc, if utc.is_some() { ClockQuality::FreeRunning } else { ClockQuality::Unset })
     }
 
     /// Number drawn at random at this start.

@@ -8,7 +8,6 @@ use super::pulse::Pulse;
 use super::supervisor::{Ended, panic_message};
 use super::twin::Twin;
 use crate::command::OrderNumber;
-use std::io;
 use std::path::Path;
 use std::sync::{Arc, Mutex, TryLockError};
 use std::time::Duration;
@@ -36,10 +35,7 @@ pub type Handle = mpsc::Sender<Keep>;
 pub type Ledger = Twin<Kept>;
 
 /// Opens the ledger of a directory; see [`Twin::open`].
-///
-/// # Errors
-/// Where the directory cannot be made.
-pub fn open(directory: &Path) -> io::Result<(Ledger, Option<Kept>, Vec<String>)> {
+pub fn open(directory: &Path) -> (Ledger, Option<Kept>, Vec<String>) {
     Twin::open(directory, "kept")
 }
 

@@ -54,7 +54,7 @@ mod twin;
 mod update;
 
 pub use camera::MakeSource;
-pub use clock::{Clock, utc_now};
+pub use clock::{Clock, SimulatedUtc, utc_now};
 pub use codec::{Codec, LinkError};
 pub use file::{FileError, read_file};
 pub use flight_computer::{STATUS_PERIOD, Seen, Sighting, fly};
@@ -137,14 +137,6 @@ pub enum StartError {
     /// A part cannot be had.
     #[error(transparent)]
     Parts(#[from] PartsError),
-    /// The ledger of commands cannot be had.
-    #[error("commands.ledger_directory = \"{directory}\": {error}")]
-    Ledger {
-        /// The directory of the settings.
-        directory: String,
-        /// Why not.
-        error: std::io::Error,
-    },
     /// A key cannot be had; in words, with the setting and the file.
     #[error("{0}")]
     Key(String),
@@ -195,7 +187,31 @@ pub struct Running {
     stages: [(&'static str, Stage); 4],
 }
 
+/// A way into a running service: for simulated flight computers in this process.
+#[derive(Clone)]
+pub struct Door {
+    listener: Listener,
+    address: SocketAddr,
+}
+
+impl Door {
+    /// The address that flight computers connect to.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Serves a stream as if it had come from an address through the socket.
+    pub async fn enter<S: AsyncRead + AsyncWrite + Send + 'static>(&self, stream: S, from: SocketAddr) {
+        self.listener.take(stream, from, None).await;
+    }
+}
+
 impl Running {
+    /// A way in that outlasts this handle.
+    pub fn door(&self) -> Door {
+        Door { listener: self.listener.clone(), address: self.address }
+    }
+
     /// Serves a stream as if it had come from `address` through the socket: for simulated flight computers in this process.
     pub async fn serve<S: AsyncRead + AsyncWrite + Send + 'static>(&self, stream: S, address: SocketAddr) {
         self.listener.take(stream, address, None).await;
@@ -252,11 +268,13 @@ pub struct Doors {
     pub links: Vec<(LinkName, std::net::TcpStream)>,
     /// Keeps all of them open when this run breaks off.
     pub manager: Manager,
+    /// A UTC that is made up, where it is.
+    pub utc: Option<&'static SimulatedUtc>,
 }
 
 impl From<TcpListener> for Doors {
     fn from(door: TcpListener) -> Self {
-        Self { door, legacy_door: None, links: Vec::new(), manager: Manager::default() }
+        Self { door, legacy_door: None, links: Vec::new(), manager: Manager::default(), utc: None }
     }
 }
 
@@ -270,7 +288,7 @@ impl Doors {
         };
         let door = door.map_err(|error| StartError::Listen { address, error })?;
         let legacy_door = manager::fitting(inherited.legacy_door, &settings.legacy.listen);
-        Ok(Self { door, legacy_door, links: inherited.links, manager })
+        Ok(Self { door, legacy_door, links: inherited.links, manager, utc: None })
     }
 }
 
@@ -290,7 +308,7 @@ pub async fn start(settings: Arc<Settings>, inherited: Inherited, manager: Manag
 /// # Errors
 /// See [`StartError`].
 pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>) -> Result<Running, StartError> {
-    let Doors { door: socket, legacy_door, links, manager } = doors.into();
+    let Doors { door: socket, legacy_door, links, manager, utc } = doors.into();
     let lens = match parts.lens {
         Some(lens) => Some(lens),
         None => simulated_lens(&settings)?,
@@ -299,11 +317,11 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
     let allowed = addresses(&settings.network.peers)?;
     let legacy = legacy::bind(&settings.legacy, legacy_door)
         .map_err(|error| StartError::LegacyListen { address: settings.legacy.listen.clone(), error })?;
-    let clock = Clock::start();
+    let clock = utc.map_or_else(Clock::start, |utc| Clock::start().with_utc(utc));
     let simulated = Simulated::of(&settings);
     let keys = Keys::read(&settings.commands).map_err(StartError::Key)?;
-    let (ledger, kept, found) = open_ledger(&settings.commands.ledger_directory)?;
-    let (runs, run) = begin_run(&settings.commands.ledger_directory)?;
+    let (ledger, kept, found) = open_ledger(&settings.commands.ledger_directory);
+    let (runs, run) = begin_run(&settings.commands.ledger_directory);
     let at_start = State { counters_kept: ledger.is_some(), run, found, ..resumed(&settings, &kept) };
     let (publish, state) = watch::channel(Arc::new(at_start));
     let [edges, solving, owning, keeping] = std::array::from_fn(|_| Stage::default());
@@ -380,12 +398,11 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
 }
 
 /// The ledger, what it kept, and in what state that was found; none where the settings name no directory.
-fn open_ledger(directory: &str) -> Result<(Option<Ledger>, Kept, Found), StartError> {
+fn open_ledger(directory: &str) -> (Option<Ledger>, Kept, Found) {
     if directory.is_empty() {
-        return Ok((None, Kept::default(), Found::Nothing));
+        return (None, Kept::default(), Found::Nothing);
     }
-    let opened = ledger::open(Path::new(directory));
-    let (ledger, kept, complaints) = opened.map_err(|error| StartError::Ledger { directory: directory.to_owned(), error })?;
+    let (ledger, kept, complaints) = ledger::open(Path::new(directory));
     let found = match (&kept, complaints.is_empty()) {
         (Some(_), true) => Found::Whole,
         (Some(_), false) => Found::OneCopy,
@@ -393,7 +410,7 @@ fn open_ledger(directory: &str) -> Result<(Option<Ledger>, Kept, Found), StartEr
         (None, false) => Found::Damaged,
     };
     complaints.iter().for_each(|complaint| tracing::error!(complaint, ?found, "a copy of what was kept is damaged"));
-    Ok((Some(ledger), kept.unwrap_or_default(), found))
+    (Some(ledger), kept.unwrap_or_default(), found)
 }
 
 /// The state of the start, with what earlier runs left.
@@ -412,16 +429,15 @@ fn resumed(initial: &Arc<Settings>, kept: &Kept) -> State {
 }
 
 /// The mark of this run, and which it is; none where the settings name no directory.
-fn begin_run(directory: &str) -> Result<(Option<Runs>, Run), StartError> {
+fn begin_run(directory: &str) -> (Option<Runs>, Run) {
     if directory.is_empty() {
-        return Ok((None, Run::default()));
+        return (None, Run::default());
     }
-    let begun = Runs::begin(Path::new(directory));
-    let (runs, run, complaints) = begun.map_err(|error| StartError::Ledger { directory: directory.to_owned(), error })?;
+    let (runs, run, complaints) = Runs::begin(Path::new(directory));
     complaints
         .iter()
         .for_each(|complaint| tracing::error!(complaint, "the mark of the last run is damaged, or this one's not kept"));
-    Ok((Some(runs), run))
+    (Some(runs), run)
 }
 
 /// What the camera says of itself to whoever connects.

@@ -3,7 +3,7 @@
 //! The disk may be slow, full or dead: outcomes wait in a bounded queue, from which the oldest is lost and counted, an
 //! error is counted, logged and tried again later, and nobody else is held up.
 
-use super::clock::{Clock, utc_now};
+use super::clock::Clock;
 use super::hub::{self, ToHub};
 use super::inbox::Inbox;
 use super::pulse::Pulse;
@@ -42,7 +42,7 @@ pub struct Recorder {
 
 /// The name of this start's file: the time, where there is one, and the number of the start, so that no two are the same.
 pub fn file_name(clock: &Clock) -> String {
-    let time = utc_now().0.map_or_else(|| "unset".to_owned(), |utc| utc.to_string().replace(':', "-"));
+    let time = clock.utc().0.map_or_else(|| "unset".to_owned(), |utc| utc.to_string().replace(':', "-"));
     format!("outcomes-{time}-{:08x}.jsonl", clock.boot_id())
 }
 

@@ -46,16 +46,13 @@ pub struct Runs {
 
 impl Runs {
     /// Begins a run in a directory; a complaint says what of it is damaged or cannot be written.
-    ///
-    /// # Errors
-    /// Where the directory cannot be made.
-    pub fn begin(directory: &Path) -> io::Result<(Self, Run, Vec<String>)> {
+    pub fn begin(directory: &Path) -> (Self, Run, Vec<String>) {
         let machine = std::fs::read_to_string(MACHINE_BOOT).unwrap_or_default();
         Self::begin_on(directory, machine.trim())
     }
 
-    fn begin_on(directory: &Path, machine: &str) -> io::Result<(Self, Run, Vec<String>)> {
-        let (mut twin, last, mut complaints) = Twin::<Mark>::open(directory, "runs")?;
+    fn begin_on(directory: &Path, machine: &str) -> (Self, Run, Vec<String>) {
+        let (mut twin, last, mut complaints) = Twin::<Mark>::open(directory, "runs");
         let last_end = last.as_ref().map(|mark| match mark.ended {
             Some(Asked::Here) => LastEnd::Clean,
             Some(Asked::Commanded) => LastEnd::Commanded,
@@ -67,7 +64,7 @@ impl Runs {
         if let Err(error) = twin.write(&mark) {
             complaints.push(format!("{}: {error}", directory.display()));
         }
-        Ok((Self { twin, mark }, Run { number: Some(run), last_end }, complaints))
+        (Self { twin, mark }, Run { number: Some(run), last_end }, complaints)
     }
 
     /// Notes that this run ends as it was asked to.
@@ -88,7 +85,7 @@ mod tests {
     fn each_run_has_the_next_number_and_knows_how_the_last_one_ended() {
         let directory = tempfile::tempdir().unwrap();
         let begin = |machine| {
-            let (runs, run, complaints) = Runs::begin_on(directory.path(), machine).unwrap();
+            let (runs, run, complaints) = Runs::begin_on(directory.path(), machine);
             assert!(complaints.is_empty(), "{complaints:?}");
             (runs, (run.number.unwrap(), run.last_end))
         };
@@ -112,10 +109,10 @@ mod tests {
     fn a_torn_mark_is_complained_about_and_counting_goes_on() {
         let directory = tempfile::tempdir().unwrap();
         for _ in 0..3 {
-            Runs::begin_on(directory.path(), "a").unwrap();
+            Runs::begin_on(directory.path(), "a");
         }
         std::fs::write(directory.path().join("runs.1"), "torn").unwrap();
-        let (_, run, complaints) = Runs::begin_on(directory.path(), "a").unwrap();
+        let (_, run, complaints) = Runs::begin_on(directory.path(), "a");
         assert_eq!((run.number, complaints.len()), (Some(4), 1), "{complaints:?}");
     }
 }

@@ -30,13 +30,9 @@ pub struct Twin<T> {
 }
 
 impl<T: Serialize + DeserializeOwned> Twin<T> {
-    /// Opens the files of this name in a directory, which is made if it is not there, and reads what is kept in them; nothing where
-    /// there is nothing yet. A complaint names a file that is damaged; what the other one has is taken then.
-    ///
-    /// # Errors
-    /// Where the directory cannot be made.
-    pub fn open(directory: &Path, name: &'static str) -> io::Result<(Self, Option<T>, Vec<String>)> {
-        fs::create_dir_all(directory)?;
+    /// Reads what is kept in the files of this name in a directory; nothing where there is nothing yet. A complaint names a file that is
+    /// damaged or cannot be read; what the other one has is taken then. A disk that is dead now may be back for the next write.
+    pub fn open(directory: &Path, name: &'static str) -> (Self, Option<T>, Vec<String>) {
         let mut twin = Self { directory: directory.to_owned(), name, number: 0, value: PhantomData };
         let (mut newest, mut complaints, mut missing) = (None, Vec::new(), Vec::new());
         for place in 0..COPIES {
@@ -52,7 +48,7 @@ impl<T: Serialize + DeserializeOwned> Twin<T> {
         if missing.len() < COPIES {
             complaints.append(&mut missing);
         }
-        Ok((twin, newest, complaints))
+        (twin, newest, complaints)
     }
 
     /// The directory of the files.
@@ -82,6 +78,7 @@ impl<T: Serialize + DeserializeOwned> Twin<T> {
     }
 
     fn write_copy(&self, place: usize, bytes: &[u8]) -> io::Result<()> {
+        fs::create_dir_all(&self.directory)?;
         let mut file = OpenOptions::new().write(true).create(true).truncate(false).open(self.path(place))?;
         file.write_all(bytes)?;
         file.sync_data()
@@ -137,7 +134,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use std::time::Duration;
 
-    fn open(directory: &Path) -> io::Result<(Twin<Memory>, Option<Memory>, Vec<String>)> {
+    fn open(directory: &Path) -> (Twin<Memory>, Option<Memory>, Vec<String>) {
         Twin::open(directory, "commands")
     }
 
@@ -157,11 +154,11 @@ mod tests {
     #[test]
     fn what_was_written_last_is_read_and_the_files_keep_their_size() {
         let directory = tempfile::tempdir().unwrap();
-        let (mut ledger, first, complaints) = open(directory.path()).unwrap();
+        let (mut ledger, first, complaints) = open(directory.path());
         assert_eq!((first, complaints.len()), (None, 0));
         for commands in 1..=5 {
             ledger.write(&memory(commands)).unwrap();
-            let (_, read, complaints) = open(directory.path()).unwrap();
+            let (_, read, complaints) = open(directory.path());
             assert_eq!(read, Some(memory(commands)));
             assert!(complaints.is_empty());
         }
@@ -173,7 +170,7 @@ mod tests {
     /// Directory with two whole copies of three commands, what each has of it, and what each would have had of two.
     fn three_commands() -> (tempfile::TempDir, Vec<PathBuf>, Vec<u8>, Vec<u8>) {
         let directory = tempfile::tempdir().unwrap();
-        let (mut ledger, ..) = open(directory.path()).unwrap();
+        let (mut ledger, ..) = open(directory.path());
         for commands in 1..=3 {
             ledger.write(&memory(commands)).unwrap();
         }
@@ -193,7 +190,7 @@ mod tests {
             for (first, second) in [(&mixed, &old), (&whole, &mixed)] {
                 fs::write(&paths[0], first).unwrap();
                 fs::write(&paths[1], second).unwrap();
-                let (_, read, _) = open(directory.path()).unwrap();
+                let (_, read, _) = open(directory.path());
                 let newest = if first == &whole { 3..=3 } else { 2..=3 };
                 assert!(newest.map(memory).any(|memory| read == Some(memory)), "torn at {torn}");
             }
@@ -207,7 +204,7 @@ mod tests {
         let used = whole.iter().rposition(|byte| *byte != 0).unwrap() + 1;
         for place in 0..COPIES {
             let check = |what: String| {
-                let (_, read, complaints) = open(directory.path()).unwrap();
+                let (_, read, complaints) = open(directory.path());
                 assert_eq!((read, complaints.len()), (Some(memory(3)), 1), "{what}");
             };
             for cut in 0..used {
@@ -241,14 +238,22 @@ mod tests {
                 damaged[random.random_range(0..HEAD + 8)] ^= random.random_range(1..=255_u8);
                 fs::write(path, &damaged).unwrap();
             }
-            let (_, read, complaints) = open(directory.path()).unwrap();
+            let (_, read, complaints) = open(directory.path());
             assert_eq!((read, complaints.len()), (None, 2));
         }
     }
 
     #[test]
-    fn a_directory_that_cannot_be_had_is_an_error() {
-        let file = tempfile::NamedTempFile::new().unwrap();
-        assert!(open(&file.path().join("ledger")).is_err());
+    fn a_directory_that_cannot_be_had_is_named_and_used_once_it_can() {
+        let room = tempfile::tempdir().unwrap();
+        let directory = room.path().join("state");
+        fs::write(&directory, "a file").unwrap();
+        let (mut ledger, read, complaints) = open(&directory);
+        assert_eq!((read, complaints.len()), (None, 2));
+        assert!(complaints[0].contains("state/commands.0"), "{complaints:?}");
+        assert!(ledger.write(&memory(1)).is_err());
+        fs::remove_file(&directory).unwrap();
+        ledger.write(&memory(1)).unwrap();
+        assert_eq!(open(&directory).1, Some(memory(1)));
     }
 }

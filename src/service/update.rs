@@ -1,6 +1,5 @@
 //! From the state to the update that a flight computer is sent.
 
-use super::clock::utc_now;
 use super::housekeeping;
 use super::session::{Closed, Shared};
 use super::state::{Actor, Counters, State};
@@ -41,7 +40,7 @@ pub fn compose(state: &State, shared: &Shared, computer: FlightComputer, sequenc
 }
 
 fn link(state: &State, shared: &Shared, sequence: u32, record: LinkRecord, now: Instant) -> Link {
-    let (utc, quality) = utc_now();
+    let (utc, quality) = shared.clock.utc();
     Link {
         sequence: sequence.into(),
         boot_id: shared.clock.boot_id().into(),

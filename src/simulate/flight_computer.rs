@@ -194,6 +194,13 @@ impl FlightComputer {
         (self.key.as_ref().map_or(block, |key| block.signed(key)), given_up)
     }
 
+    /// Takes the next counter of a command for something else than the ground's command, as a computer does that is in disorder.
+    pub fn use_up_counter(&mut self, code: u8, by: u32) -> u32 {
+        let counter = self.relay.counters.entry(code).or_default();
+        *counter = counter.wrapping_add(by);
+        *counter
+    }
+
     /// Commands that have not had their last reply.
     pub fn unanswered(&self) -> usize {
         self.relay.waiting.len() + self.relay.given.len()

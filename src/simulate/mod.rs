@@ -5,7 +5,9 @@
 //! [`FlightComputer`].
 
 mod flight_computer;
+mod judge;
 pub mod lens;
 pub mod sky;
 
 pub use flight_computer::{FlightComputer, Given};
+pub use judge::{COVERED_SIGMA, Judged};

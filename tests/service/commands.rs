@@ -3,7 +3,7 @@
 use crate::support::{PATIENCE, plain_camera, plain_solver, settings, start};
 use stars::command::{Act, Command, Definition, Hazard, MAX_VALUES, Refusal, Stage};
 use stars::lens::{Doubt, LensCommand, RequestCounter};
-use stars::service::{Inherited, LensHandle, Manager, Parts, Running, Seen, Sighting, SimulatedLens, fly};
+use stars::service::{LensHandle, Parts, Running, Seen, Sighting, SimulatedLens, fly};
 use stars::settings::{LensKind, Settings};
 use stars::simulate::FlightComputer;
 use stars::simulate::lens::FaultKind;
@@ -421,14 +421,21 @@ async fn commanded_settings_the_last_lease_and_the_focus_outlast_a_restart_and_a
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_directory_that_no_ledger_can_be_in_is_named_at_the_start() {
-    let file = tempfile::NamedTempFile::new().unwrap();
-    let mut settings = settings();
-    settings.commands.ledger_directory = file.path().to_str().unwrap().to_owned();
-    let error = stars::service::start(std::sync::Arc::new(settings), Inherited::default(), Manager::default())
-        .await
-        .err()
-        .unwrap()
-        .to_string();
-    assert!(error.contains("commands.ledger_directory") && error.contains(file.path().to_str().unwrap()), "{error}");
+async fn a_disk_that_is_dead_at_the_start_keeps_commands_from_running_and_is_used_once_it_is_back() {
+    let room = tempfile::tempdir().unwrap();
+    let directory = room.path().join("state");
+    std::fs::write(&directory, "a file in its place").unwrap();
+    let mut settings = lens_settings();
+    settings.commands.ledger_directory = directory.to_str().unwrap().to_owned();
+    let running = start(settings, Parts { camera: plain_camera(), solver: plain_solver(), lens: None }).await;
+    let mut ground = Ground::of(&running, 1, true);
+    let update = ground.update(|update| update.camera.focus_counts.get().is_some()).await;
+    assert_eq!(update.health.kept_at_start.get(), Some(Found::Damaged));
+    let (_, reply) = ground.run("lens.set_focus 3030").await;
+    assert_eq!((reply.stage.get(), reply.why.value()), (Some(Stage::Failed), Some(Refusal::NotKept)));
+    assert!(reply.words.to_string().contains("state"), "{}", reply.words);
+    assert_eq!(ground.run("lens.stop").await.1.stage.get(), Some(Stage::Completed), "what only stops things does not wait");
+    std::fs::remove_file(&directory).unwrap();
+    assert_eq!(ground.run("lens.set_focus 3040").await.0, DONE);
+    assert!(running.stop().await.is_empty());
 }

@@ -4,19 +4,39 @@
 //! device has sent everything, which it may never do; the reply is the acknowledgement.
 
 use crate::settings::{LensKind, LensSettings};
+use futures_util::FutureExt;
 use std::collections::BTreeMap;
+use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::io::AsyncReadExt;
+use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::task::JoinHandle;
 use tokio_serial::{ClearBuffer, SerialPort, SerialPortBuilderExt, SerialStream};
 
 /// Where a controller may be, in the order in which it is looked for there; asked anew for each search.
 #[derive(Clone)]
 pub struct Ports {
-    candidates: Arc<dyn Fn() -> Vec<PathBuf> + Send + Sync>,
+    candidates: Arc<dyn Fn() -> Vec<Place> + Send + Sync>,
     baud: u32,
+}
+
+/// One such place.
+#[derive(Clone)]
+pub(super) enum Place {
+    /// A device of the system.
+    Path(PathBuf),
+    /// A line within this process, to a simulated controller; `None` while it does not answer.
+    Line(Arc<dyn Fn() -> Option<DuplexStream> + Send + Sync>),
+}
+
+impl Place {
+    fn name(&self) -> String {
+        match self {
+            Self::Path(path) => path.display().to_string(),
+            Self::Line(_) => "within this process".to_owned(),
+        }
+    }
 }
 
 /// Opening takes no longer, or the device hangs.
@@ -42,12 +62,18 @@ fn usual_ports() -> Vec<PathBuf> {
 impl Ports {
     /// Ports of a list that is made anew for each search.
     pub fn new(baud: u32, candidates: impl Fn() -> Vec<PathBuf> + Send + Sync + 'static) -> Self {
-        Self { candidates: Arc::new(candidates), baud }
+        Self { candidates: Arc::new(move || candidates().into_iter().map(Place::Path).collect()), baud }
+    }
+
+    /// One line within this process.
+    pub(super) fn line(connect: impl Fn() -> Option<DuplexStream> + Send + Sync + 'static) -> Self {
+        let place = Place::Line(Arc::new(connect));
+        Self { candidates: Arc::new(move || vec![place.clone()]), baud: 0 }
     }
 
     /// The port of this number.
-    pub(super) fn nth(&self, nth: usize) -> Option<(PathBuf, u32)> {
-        (self.candidates)().into_iter().nth(nth).map(|path| (path, self.baud))
+    pub(super) fn nth(&self, nth: usize) -> Option<(Place, u32)> {
+        (self.candidates)().into_iter().nth(nth).map(|place| (place, self.baud))
     }
 }
 
@@ -62,23 +88,32 @@ pub(super) enum NotOpened {
 /// The port that is being opened.
 #[derive(Default)]
 pub(super) struct Opening {
-    wanted: Option<Option<(PathBuf, u32)>>,
+    wanted: Option<Option<(Place, u32)>>,
     /// By path: a device that hangs keeps its one thread, and is not asked again before that has come back.
     under_way: BTreeMap<PathBuf, JoinHandle<Result<Port, String>>>,
 }
 
 impl Opening {
     /// Begins to open a port, or to say that there is none.
-    pub fn begin(&mut self, port: Option<(PathBuf, u32)>) {
+    pub fn begin(&mut self, port: Option<(Place, u32)>) {
         self.wanted = Some(port);
     }
 
     /// The port when it is open, or why it is not. Waits for ever where none was asked for; may be dropped and called again.
     pub async fn done(&mut self) -> (String, Result<Port, NotOpened>) {
         let Some(wanted) = self.wanted.clone() else { return std::future::pending().await };
-        let Some((path, baud)) = wanted else {
+        let Some((place, baud)) = wanted else {
             self.wanted = None;
             return (String::new(), Err(NotOpened::NoMore));
+        };
+        let name = place.name();
+        let path = match place {
+            Place::Path(path) => path,
+            Place::Line(connect) => {
+                self.wanted = None;
+                let silent = || NotOpened::Because("nobody is there".to_owned());
+                return (name, connect().map(|line| Port::on(Stream::Line(line))).ok_or_else(silent));
+            }
         };
         let target = path.clone();
         let task = self
@@ -94,13 +129,37 @@ impl Opening {
             }
             Err(_) => Err(NotOpened::Because("it hangs".to_owned())),
         };
-        (path.display().to_string(), opened)
+        (name, opened)
+    }
+}
+
+/// What bytes go over.
+pub(super) enum Stream {
+    Serial(SerialStream),
+    Line(DuplexStream),
+}
+
+impl Stream {
+    /// What came, into a chunk. May be dropped and called again without losing anything.
+    pub async fn read(&mut self, chunk: &mut [u8]) -> io::Result<usize> {
+        match self {
+            Self::Serial(stream) => stream.read(chunk).await,
+            Self::Line(line) => line.read(chunk).await,
+        }
+    }
+
+    /// Sends what goes out at once.
+    pub fn try_write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Self::Serial(stream) => stream.try_write(bytes),
+            Self::Line(line) => line.write(bytes).now_or_never().unwrap_or_else(|| Err(io::ErrorKind::WouldBlock.into())),
+        }
     }
 }
 
 /// An open port.
 pub(super) struct Port {
-    stream: SerialStream,
+    stream: Stream,
     buffer: Vec<u8>,
 }
 
@@ -109,7 +168,11 @@ impl Port {
     fn open(path: &str, baud: u32) -> Result<Self, String> {
         let stream = tokio_serial::new(path, baud).open_native_async().map_err(|error| error.to_string())?;
         stream.clear(ClearBuffer::All).map_err(|error| error.to_string())?;
-        Ok(Self { stream, buffer: Vec::new() })
+        Ok(Self::on(Stream::Serial(stream)))
+    }
+
+    fn on(stream: Stream) -> Self {
+        Self { stream, buffer: Vec::new() }
     }
 
     /// The next line, without its end; empty ones are left out. May be dropped and called again without losing anything.

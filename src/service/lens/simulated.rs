@@ -3,7 +3,7 @@
 //! When the port "vanishes" the terminal is closed, and later there is another one, with another path: [`SimulatedLens::ports`]
 //! gives the present one.
 
-use super::port::Ports;
+use super::port::{Ports, Stream};
 use crate::settings::LensSettings;
 use crate::simulate::lens::{Controller, Fault, FaultKind, Received, parse_faults};
 use std::fs::File;
@@ -11,12 +11,14 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-use tokio::io::AsyncReadExt;
+use tokio::io::DuplexStream;
 use tokio::sync::Notify;
 use tokio::time::Instant;
 use tokio_serial::{SerialPort, SerialStream};
 use tokio_util::sync::CancellationToken;
 
+/// Bytes that a line within this process holds.
+const LINE_BYTES: usize = 4096;
 /// Pause before it is looked again whether somebody opened the port.
 const UNOPENED_PAUSE: Duration = Duration::from_millis(5);
 /// Pause before another pseudo-terminal is asked for where there was none.
@@ -29,7 +31,9 @@ pub struct SimulatedLens(Arc<Shared>);
 struct Shared {
     controller: Mutex<Controller>,
     path: Mutex<Option<PathBuf>>,
-    /// Something was injected.
+    /// Its end of the line within this process that its port is, where that is no pseudo-terminal.
+    line: Option<Mutex<Option<DuplexStream>>>,
+    /// Something was injected, or somebody wants to speak to it.
     changed: Notify,
     began: Instant,
     baud: u32,
@@ -41,6 +45,18 @@ impl SimulatedLens {
     /// # Errors
     /// What is wrong with `lens.simulated.faults`.
     pub fn new(settings: &LensSettings, seed: u64) -> Result<Self, String> {
+        Self::made(settings, seed, None)
+    }
+
+    /// One whose port is a line within this process: on a paused clock, which does not wait for a terminal of the system.
+    ///
+    /// # Errors
+    /// What is wrong with `lens.simulated.faults`.
+    pub fn on_a_line(settings: &LensSettings, seed: u64) -> Result<Self, String> {
+        Self::made(settings, seed, Some(Mutex::default()))
+    }
+
+    fn made(settings: &LensSettings, seed: u64, line: Option<Mutex<Option<DuplexStream>>>) -> Result<Self, String> {
         let mut controller = Controller::new(&settings.simulated, seed);
         for fault in parse_faults(&settings.simulated.faults)? {
             controller.inject(fault);
@@ -48,6 +64,7 @@ impl SimulatedLens {
         Ok(Self(Arc::new(Shared {
             controller: Mutex::new(controller),
             path: Mutex::new(None),
+            line,
             changed: Notify::new(),
             began: Instant::now(),
             baud: settings.baud,
@@ -89,7 +106,23 @@ impl SimulatedLens {
     /// Its port for the lens's actor.
     pub fn ports(&self) -> Ports {
         let lens = self.clone();
+        if self.0.line.is_some() {
+            return Ports::line(move || lens.connect());
+        }
         Ports::new(self.0.baud, move || lens.path().into_iter().collect())
+    }
+
+    /// The other end of a new line to it, while its port is there.
+    fn connect(&self) -> Option<DuplexStream> {
+        let line = self.0.line.as_ref()?;
+        let now = self.now();
+        if !self.controller().has_port(now) {
+            return None;
+        }
+        let (ours, theirs) = tokio::io::duplex(LINE_BYTES);
+        *line.lock().unwrap_or_else(PoisonError::into_inner) = Some(ours);
+        self.0.changed.notify_one();
+        Some(theirs)
     }
 
     /// Is the controller until stopped.
@@ -100,10 +133,21 @@ impl SimulatedLens {
 
     async fn live(&self) {
         loop {
+            if let Some(line) = &self.0.line {
+                let ours = line.lock().unwrap_or_else(PoisonError::into_inner).take();
+                match ours {
+                    Some(ours) => self.serve(Stream::Line(ours)).await,
+                    None => {
+                        self.step(&[]);
+                        self.wait().await;
+                    }
+                }
+                continue;
+            }
             match self.terminal() {
                 Ok((master, _held, path)) => {
                     self.set_path(Some(path));
-                    self.serve(master).await;
+                    self.serve(Stream::Serial(master)).await;
                     self.set_path(None);
                 }
                 Err(error) => {
@@ -132,11 +176,12 @@ impl SimulatedLens {
     }
 
     /// Is at the other end of the terminal until the port vanishes.
-    async fn serve(&self, mut master: SerialStream) {
+    async fn serve(&self, mut master: Stream) {
         loop {
             let mut bytes = [0; 256];
             let length = tokio::select! {
                 read = master.read(&mut bytes) => match read {
+                    Ok(0) => return,
                     Ok(length) => length,
                     // Nobody has it open.
                     Err(_) => {

@@ -1,0 +1,250 @@
+//! The account: what was due and what came, from both sides, so that nothing can be lost or made up unseen.
+
+use crate::command::{Command, Stage};
+use crate::service::State;
+use crate::simulate::Judged;
+use crate::sky::Attitude;
+use crate::solve::{PointingReport, Reason};
+use crate::wire::{CommandReply, Equatorial, Update};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// Times that nobody may command: spoilt blocks carry solver timeouts from here on, s, and focus positions from there on, counts.
+pub const POISON_TIMEOUT_S: f64 = 500.0;
+/// See [`POISON_TIMEOUT_S`].
+pub const POISON_COUNTS: i32 = 4000;
+/// Truths that are remembered: many more than are ever under way.
+const REMEMBERED: usize = 64;
+/// Bounds of the histogram of the time between two updates, ms.
+pub const GAPS_MS: [u64; 8] = [500, 510, 520, 550, 600, 700, 1000, u64::MAX];
+
+/// All that is counted.
+#[derive(Debug, Clone, Default)]
+pub struct Book {
+    /// Frames that the camera gave or broke over, by run of the service.
+    pub frames: Vec<u32>,
+    /// Images seen in updates: solved, not solved, wrongly solved.
+    pub solved: u32,
+    /// See there.
+    pub unsolved: u32,
+    /// See there, in words.
+    pub wrong: Vec<String>,
+    /// Updates that came, and the times between them on a link that stood, by [`GAPS_MS`].
+    pub updates: u64,
+    /// See there.
+    pub gaps: [u64; GAPS_MS.len()],
+    /// The longest.
+    pub longest_gap: Duration,
+    /// Gaps of over 0.6 s on a link that stood, in words.
+    pub late: Vec<String>,
+    /// Honest commands given, and how they ended: stage, or that there was no answer.
+    pub given: u32,
+    /// See there.
+    pub ended: BTreeMap<String, u32>,
+    /// Commands that were not answered though the link stood and the lease was held, in words.
+    pub lost: Vec<String>,
+    /// Values that honest commands set, and how each ended.
+    honest: BTreeMap<u64, Option<Stage>>,
+    /// Values that took effect, oldest first.
+    effects: Vec<u64>,
+    /// What nobody commanded and happened, in words.
+    pub spurious: Vec<String>,
+    /// Restarts of actors by their name, summed over the runs of the service.
+    pub restarts: BTreeMap<String, u32>,
+    /// Refusals of commands by reason, summed over the runs.
+    pub refused: BTreeMap<String, u32>,
+    /// By run of the service and image.
+    truths: BTreeMap<(usize, u32), Option<Attitude>>,
+    /// Images that were judged, by run and image.
+    seen: BTreeSet<(usize, u32)>,
+    /// The boots of the runs.
+    boots: BTreeMap<u32, usize>,
+    timeout: Option<u64>,
+}
+
+/// The account, shared by all that goes into it.
+#[derive(Clone, Default)]
+pub struct Account(Arc<Mutex<Book>>);
+
+/// A float that can be looked up.
+fn key(value: f64) -> u64 {
+    value.to_bits()
+}
+
+impl Account {
+    fn book(&self) -> MutexGuard<'_, Book> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// All that was counted by now.
+    pub fn so_far(&self) -> Book {
+        self.book().clone()
+    }
+
+    /// The service is to start: images are numbered anew.
+    pub fn begin_run(&self) {
+        self.book().frames.push(0);
+    }
+
+    /// It has started: its boot, and its settings as they are.
+    pub fn begun_run(&self, boot: u32, timeout_s: f64) {
+        let mut book = self.book();
+        let run = book.frames.len();
+        book.boots.insert(boot, run);
+        book.timeout = Some(key(timeout_s));
+    }
+
+    /// The service ends: what it counted.
+    pub fn end_run(&self, state: &State) {
+        let mut book = self.book();
+        for (actor, count) in &state.counters.restarts {
+            *book.restarts.entry(format!("{actor:?}").to_lowercase()).or_default() += count;
+        }
+        for (why, count) in &state.desk.counts.refused {
+            *book.refused.entry(format!("{why:?}")).or_default() += count;
+        }
+    }
+
+    /// The camera was asked for an image, and it will have its number.
+    pub fn frame(&self, image: u32) {
+        let mut book = self.book();
+        if let Some(frames) = book.frames.last_mut() {
+            *frames = (*frames).max(image.saturating_add(1));
+        }
+    }
+
+    /// What an image shows: an attitude, or nothing to solve.
+    pub fn truth(&self, image: u32, attitude: Option<Attitude>) {
+        let mut book = self.book();
+        let run = book.frames.len();
+        book.truths.insert((run, image), attitude);
+        while book.truths.len() > REMEMBERED {
+            book.truths.pop_first();
+        }
+    }
+
+    /// An update came; `before`: when the one before it came, where nothing but the camera could hold it up since.
+    pub fn update(&self, computer: usize, update: &Update, before: Option<Instant>) {
+        let mut book = self.book();
+        book.updates += 1;
+        if let Some(before) = before {
+            let gap = before.elapsed();
+            let place = GAPS_MS.iter().position(|bound| gap.as_millis() <= u128::from(*bound)).unwrap_or(0);
+            if let Some(count) = book.gaps.get_mut(place) {
+                *count += 1;
+            }
+            book.longest_gap = book.longest_gap.max(gap);
+            if gap > Duration::from_millis(600) {
+                let text = format!("computer {computer}: {gap:?} at uptime {:.1} s", update.link.uptime_s);
+                book.late.push(text);
+            }
+        }
+        let Some(image) = update.image.get() else { return };
+        let number = image.image_counter.get();
+        let run = book.boots.get(&update.link.boot_id.get()).copied().unwrap_or_default();
+        if !book.seen.insert((run, number)) {
+            return;
+        }
+        while book.seen.len() > REMEMBERED {
+            book.seen.pop_first();
+        }
+        let Some(pointing) = image.equatorial.get().filter(|_| image.reason.get() == Some(Reason::Solved)) else {
+            book.unsolved += 1;
+            return;
+        };
+        book.solved += 1;
+        let judged = book.truths.get(&(run, number)).copied().flatten().and_then(|truth| Judged::new(&report(pointing), &truth));
+        match judged {
+            Some(judged) if !judged.is_wrong() => {}
+            Some(judged) => {
+                book.wrong.push(format!("run {run}, image {number}: off by {:.1}″, σ {:.2}″", judged.error, judged.sigma))
+            }
+            None => book.wrong.push(format!("run {run}, image {number}: solved, and there was nothing to solve")),
+        }
+    }
+
+    /// The ground gives a command, with a value that no other has where it sets one.
+    pub fn give(&self, command: &Command) {
+        let mut book = self.book();
+        book.given += 1;
+        if let Command::ConfigureSolver { timeout_s, .. } = command {
+            book.honest.insert(key(*timeout_s), None);
+        }
+    }
+
+    /// A command had its last word; `None`: there was none, and `excused` says whether something stood in its way.
+    pub fn end(&self, command: &Command, last: Option<&CommandReply>, excused: bool) {
+        let mut book = self.book();
+        let stage = last.and_then(|reply| reply.stage.get());
+        let name = match stage {
+            Some(Stage::Completed) => "completed",
+            Some(Stage::Failed) => "failed",
+            Some(Stage::Rejected) => "rejected",
+            _ => "not answered",
+        };
+        let why = last.and_then(|reply| reply.why.value()).map_or_else(String::new, |why| format!(" {why:?}"));
+        *book.ended.entry(format!("{name}{why}")).or_default() += 1;
+        if stage.is_none() && !excused {
+            book.lost.push(command.to_string());
+        }
+        if let Command::ConfigureSolver { timeout_s, .. } = command {
+            book.honest.insert(key(*timeout_s), stage);
+        }
+    }
+
+    /// A state of the service: what took effect.
+    pub fn state(&self, state: &State) {
+        let timeout_s = state.settings.solver.timeout_s;
+        let mut book = self.book();
+        if book.timeout.replace(key(timeout_s)) == Some(key(timeout_s)) {
+            return;
+        }
+        if timeout_s >= POISON_TIMEOUT_S {
+            book.spurious.push(format!("solver.configure {timeout_s}"));
+        } else if book.honest.contains_key(&key(timeout_s)) {
+            book.effects.push(key(timeout_s));
+        }
+    }
+
+    /// A word of the lens moved it where nobody commanded.
+    pub fn lens_moved(&self, word: &str) {
+        self.book().spurious.push(format!("lens: {word}"));
+    }
+}
+
+impl Book {
+    /// Honest commands that took effect more often, or less often, than their last words say, in words.
+    pub fn contradictions(&self) -> Vec<String> {
+        let mut times: BTreeMap<u64, u32> = BTreeMap::new();
+        self.effects.iter().for_each(|value| *times.entry(*value).or_default() += 1);
+        let mut found = Vec::new();
+        for (value, stage) in &self.honest {
+            let times = times.get(value).copied().unwrap_or_default();
+            let allowed = match stage {
+                Some(Stage::Completed) => 1..=1,
+                Some(Stage::Rejected) => 0..=0,
+                _ => 0..=1,
+            };
+            if !allowed.contains(&times) {
+                found.push(format!("solver.configure {}: {stage:?}, and took effect {times} times", f64::from_bits(*value)));
+            }
+        }
+        found
+    }
+}
+
+/// The wire's pointing as the report has it.
+fn report(pointing: &Equatorial) -> PointingReport {
+    PointingReport {
+        ra_deg: Some(pointing.ra_deg),
+        dec_deg: Some(pointing.dec_deg),
+        roll_deg: Some(pointing.roll_deg),
+        sigma_east_arcsec: Some(pointing.sigma_east_arcsec),
+        sigma_north_arcsec: Some(pointing.sigma_north_arcsec),
+        sigma_roll_arcsec: Some(pointing.sigma_roll_arcsec),
+        platescale_arcsec_px: Some(pointing.platescale_arcsec_px),
+        ..PointingReport::default()
+    }
+}

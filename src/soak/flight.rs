@@ -1,0 +1,365 @@
+//! A flight: the service, its computers and the schedule, from beginning to end.
+
+use super::account::{Account, Book, POISON_COUNTS};
+use super::computer::{Computer, Connect, Handle, Line};
+use super::instrument::{Charger, Faults, camera, solver};
+use super::report::Report;
+use super::schedule::{Class, Fault, schedule};
+use crate::camera::Gondola;
+use crate::command::{Command, Tick};
+use crate::service::{Door, Doors, Parts, Running, SimulatedLens, SimulatedUtc, Stars, StartError, start_with};
+use crate::settings::{CameraKind, LensKind, Settings};
+use crate::simulate::lens::{FaultKind, Received};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::collections::BTreeMap;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::task::JoinSet;
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
+
+/// What is to be flown.
+#[derive(Debug, Clone)]
+pub struct Plan {
+    /// Names the flight: the same seed flies the same.
+    pub seed: u64,
+    /// How long.
+    pub duration: Duration,
+    /// Mean time between faults.
+    pub every: Duration,
+    /// Whether time is real; otherwise the clock of the runtime must be paused.
+    pub real: bool,
+    /// Where records and what outlasts a restart are kept.
+    pub directory: PathBuf,
+}
+
+/// How far a flight has come.
+#[derive(Debug, Clone)]
+pub struct Progress {
+    /// Time flown.
+    pub flown: Duration,
+    /// What was counted by now.
+    pub book: Book,
+}
+
+/// The computer that is not well for so long is not in charge any more.
+const WATCHDOG: Duration = Duration::from_secs(2);
+/// How often the computers look at each other.
+const LOOK: Duration = Duration::from_millis(250);
+/// Shortest and longest time between commands of the ground, s.
+const GROUND_S: (u64, u64) = (20, 90);
+/// Values of honest commands: timeouts from here on, ms, each a little more than the last, and positions about the best focus, counts.
+const FIRST_TIMEOUT_MS: u32 = 5_000;
+const FOCUS: (i32, i32) = (2985, 3015);
+/// Best focus, and where the lens is at the start, counts.
+const BEST_COUNTS: i32 = 3000;
+/// After a fault of the instrument its commands may take this long.
+const DISTURBED_AFTER: Duration = Duration::from_secs(60);
+/// A clock of 2026-12-20, and by how much it jumps at most, s: thirty years.
+const UNIX_S: f64 = 1_797_724_800.0;
+const JUMP_S: f64 = 30.0 * 365.25 * 86_400.0;
+/// One run of the service in so many has quick frames, from the one of this number on; and the time between them, s.
+const QUICK_RUN: (usize, usize) = (128, 5);
+const QUICK_PERIOD_S: f64 = 1.0;
+/// Bytes that a line within the process holds.
+const LINE_BYTES: usize = 64 * 1024;
+
+/// What the soak is made of.
+struct Soak {
+    plan: Plan,
+    settings: Arc<Settings>,
+    stars: Stars,
+    lens: SimulatedLens,
+    faults: Faults,
+    charger: Charger,
+    account: Account,
+    utc: &'static SimulatedUtc,
+    handles: [Handle; 2],
+    /// How the service is entered, while it runs.
+    door: Arc<Mutex<Option<Door>>>,
+}
+
+/// Flies the plan by these settings; `show` is told how far it is now and then.
+///
+/// # Errors
+/// Where the service cannot be started, and that no fault explains.
+pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress)) -> Result<Report, StartError> {
+    let settings = Arc::new(adapted(settings, &plan));
+    let lens = if plan.real {
+        SimulatedLens::new(&settings.lens, plan.seed)
+    } else {
+        SimulatedLens::on_a_line(&settings.lens, plan.seed)
+    };
+    let lens = lens.map_err(|why| StartError::Parts(crate::service::PartsError::Faults(why)))?;
+    let soak = Soak {
+        stars: Stars::of(&settings),
+        lens,
+        faults: Faults::default(),
+        charger: if plan.real { Charger::of_real_time() } else { Charger::of_paused_clock() },
+        account: Account::default(),
+        utc: SimulatedUtc::begin(UNIX_S),
+        handles: [Handle::new(), Handle::new()],
+        door: Arc::default(),
+        settings,
+        plan,
+    };
+    let began = Instant::now();
+    let mut tasks = JoinSet::new();
+    let mut running = soak.start().await?;
+    soak.computers().into_iter().for_each(|computer| drop(tasks.spawn(computer.fly())));
+    tasks.spawn(watch_each_other(soak.handles.clone()));
+    tasks.spawn(ground(soak.handles.clone(), soak.account.clone(), soak.plan.seed));
+    let mut faults = schedule(soak.plan.seed, soak.plan.duration, soak.plan.every).into_iter().peekable();
+    let mut counts: BTreeMap<Class, u32> = BTreeMap::new();
+    let mut words = Tick::ZERO;
+    let mut progress = interval(if soak.plan.real { Duration::from_secs(10) } else { Duration::from_secs(3600) });
+    progress.set_missed_tick_behavior(MissedTickBehavior::Skip);
+    let mut state = running.state.clone();
+    loop {
+        let next = faults.peek().map_or(soak.plan.duration, |fault| fault.at);
+        tokio::select! {
+            biased;
+            () = sleep_until(began + next) => match faults.next() {
+                None => break,
+                Some(fault) => {
+                    *counts.entry(fault.class).or_default() += 1;
+                    if fault.class == Class::ServiceRestarts {
+                        soak.end(running, &mut words).await;
+                        sleep(Duration::from_millis(100)).await;
+                        running = soak.start().await?;
+                        state = running.state.clone();
+                    } else {
+                        soak.begin(&fault, &mut tasks);
+                    }
+                }
+            },
+            Ok(()) = state.changed() => {
+                let now = Arc::clone(&state.borrow_and_update());
+                soak.account.state(&now);
+            }
+            _ = progress.tick() => {
+                soak.look_at_the_lens(&mut words);
+                show(&Progress { flown: began.elapsed(), book: soak.account.so_far() });
+            }
+        }
+    }
+    // What is under way comes to its end before the books are closed.
+    sleep(Duration::from_secs(20)).await;
+    tasks.abort_all();
+    soak.end(running, &mut words).await;
+    Ok(Report::new(&soak.plan, began.elapsed(), soak.account.so_far(), counts))
+}
+
+/// The settings of a soak: everything simulated, on loopback, kept in its directory.
+fn adapted(settings: &Settings, plan: &Plan) -> Settings {
+    let within = |name: &str| plan.directory.join(name).display().to_string();
+    let mut settings = settings.clone();
+    settings.camera.kind = CameraKind::Sky;
+    settings.camera.startup_delay_s = 0.0;
+    settings.lens.kind = LensKind::Simulated;
+    settings.lens.simulated.start_counts = BEST_COUNTS;
+    settings.simulate.best_focus_counts = BEST_COUNTS;
+    settings.simulate.seed = plan.seed;
+    settings.network.listen = "127.0.0.1:0".to_owned();
+    settings.record.directory = within("record");
+    settings.commands.ledger_directory = within("state");
+    settings
+}
+
+impl Soak {
+    async fn start(&self) -> Result<Running, StartError> {
+        let mut settings = Settings::clone(&self.settings);
+        if self.account.so_far().frames.len() % QUICK_RUN.0 == QUICK_RUN.1 {
+            settings.camera.period_s = QUICK_PERIOD_S;
+        }
+        let settings = Arc::new(settings);
+        let parts = Parts::with_stars(&settings, &self.stars)?;
+        let parts = Parts {
+            camera: Some(camera(&self.settings, &self.stars, Some(&self.lens), &self.faults, &self.account)),
+            solver: solver(parts.solver, &self.faults, &self.charger),
+            lens: Some(self.lens.clone()),
+        };
+        let address = self.settings.network.listen.clone();
+        let socket = TcpListener::bind(&address).await.map_err(|error| StartError::Listen { address, error })?;
+        let doors = Doors { utc: Some(self.utc), ..Doors::from(socket) };
+        self.account.begin_run();
+        let running = start_with(settings, parts, doors)?;
+        self.account.begun_run(running.clock.boot_id(), running.state.borrow().settings.solver.timeout_s);
+        *self.door.lock().unwrap_or_else(PoisonError::into_inner) = Some(running.door());
+        Ok(running)
+    }
+
+    async fn end(&self, running: Running, words: &mut Tick) {
+        self.look_at_the_lens(words);
+        *self.door.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        self.account.end_run(&running.state.borrow());
+        self.handles.iter().for_each(|handle| handle.disturb(Instant::now() + DISTURBED_AFTER));
+        running.stop().await;
+    }
+
+    /// Whether the lens was sent where no honest command sends it.
+    fn look_at_the_lens(&self, seen: &mut Tick) {
+        let before = *seen;
+        for Received { at, word } in self.lens.received().into_iter().filter(|received| received.at > before) {
+            let to = word.strip_prefix("fa").and_then(|counts| counts.trim().parse::<i32>().ok());
+            if to.is_some_and(|counts| counts >= POISON_COUNTS) {
+                self.account.lens_moved(&word);
+            }
+            *seen = at;
+        }
+    }
+
+    fn computers(&self) -> Vec<Computer> {
+        let gondola = Gondola::new(&self.settings.simulate);
+        let computer = |(place, handle): (usize, &Handle)| Computer {
+            place,
+            handle: handle.clone(),
+            account: self.account.clone(),
+            connect: self.connect(place),
+            utc: self.utc,
+            observer: gondola.observer(Duration::ZERO),
+            seed: self.plan.seed.wrapping_mul(2).wrapping_add(place as u64),
+        };
+        self.handles.iter().enumerate().map(computer).collect()
+    }
+
+    /// How a computer connects: over TCP where time is real, otherwise over a line within the process.
+    fn connect(&self, place: usize) -> Connect {
+        let (door, real) = (Arc::clone(&self.door), self.plan.real);
+        Arc::new(move || {
+            let door = door.lock().unwrap_or_else(PoisonError::into_inner).clone();
+            Box::pin(async move {
+                let door = door?;
+                if real {
+                    let stream = TcpStream::connect(door.address()).await.ok()?;
+                    stream.set_nodelay(true).ok()?;
+                    return Some(Box::new(stream) as Box<dyn Line>);
+                }
+                let (near, far) = tokio::io::duplex(LINE_BYTES);
+                let host = Ipv4Addr::new(127, 0, 0, 2 + u8::try_from(place).unwrap_or_default());
+                door.enter(far, SocketAddr::from((host, 1))).await;
+                Some(Box::new(near) as Box<dyn Line>)
+            })
+        })
+    }
+
+    /// Begins a fault.
+    fn begin(&self, fault: &Fault, tasks: &mut JoinSet<()>) {
+        let until = Instant::now() + fault.lasts;
+        let of_lens = |kind| {
+            self.lens.inject(kind, fault.lasts);
+            self.handles.iter().for_each(|handle| handle.disturb(until + DISTURBED_AFTER));
+        };
+        match fault.class {
+            Class::LensLate => of_lens(FaultKind::Late),
+            Class::LensGarbled => of_lens(FaultKind::Garbled),
+            Class::LensError => of_lens(FaultKind::Error),
+            Class::LensStalls => of_lens(FaultKind::Stall),
+            Class::LensSilent => of_lens(FaultKind::Silent),
+            Class::LensPowerCycle => of_lens(FaultKind::PowerCycle),
+            Class::LensStuck => of_lens(FaultKind::StuckMotor),
+            Class::LensSlips => of_lens(FaultKind::Slip),
+            Class::LensCountsLost => of_lens(FaultKind::CountsLost),
+            Class::LensCountsLostMoving => of_lens(FaultKind::CountsLostMoving),
+            Class::LensVanishes => of_lens(FaultKind::Vanished),
+            Class::CameraGone
+            | Class::ImageUnreadable
+            | Class::CameraPanics
+            | Class::FalseSky
+            | Class::SolverPanics
+            | Class::SolverHangs
+            | Class::SolverSlow => self.faults.begin(fault.class, until),
+            Class::RecordDiskDead => drop(tasks.spawn(spoil(PathBuf::from(&self.settings.record.directory), until))),
+            Class::LedgerDiskDead => {
+                self.handles.iter().for_each(|handle| handle.disturb(until + DISTURBED_AFTER));
+                drop(tasks.spawn(spoil(PathBuf::from(&self.settings.commands.ledger_directory), until)));
+            }
+            Class::UtcJumps => drop(tasks.spawn(jump(self.utc, fault.seed, until))),
+            Class::Strangers => drop(tasks.spawn(strangers(self.connect(9), self.settings.network.max_connections, until))),
+            Class::BothClaim | Class::NeitherClaims | Class::ClaimFlickers => {
+                for handle in &self.handles {
+                    handle.begin(fault, until);
+                    handle.disturb(until);
+                }
+            }
+            _ => {
+                self.handles.iter().for_each(|handle| handle.disturb(until));
+                if let Some(handle) = self.handles.get(fault.computer) {
+                    handle.begin(fault, until);
+                }
+            }
+        }
+    }
+}
+
+/// The computers' watchdog: the one that is not well hands the charge over to one that is.
+async fn watch_each_other(handles: [Handle; 2]) {
+    let mut ticks = interval(LOOK);
+    let mut charge = 0;
+    loop {
+        ticks.tick().await;
+        let well = handles.each_ref().map(|handle| handle.is_well(WATCHDOG));
+        match (charge, well) {
+            (0, [false, true]) => charge = 1,
+            (1, [true, false]) => charge = 0,
+            _ => {}
+        }
+        handles.iter().enumerate().for_each(|(place, handle)| handle.set_in_charge(place == charge));
+    }
+}
+
+/// The ground: gives commands to the computer in charge, by way of both, as a relay would that knows which one listens.
+async fn ground(handles: [Handle; 2], account: Account, seed: u64) {
+    let mut random = ChaCha8Rng::seed_from_u64(seed ^ 0x6772_6f75_6e64);
+    let mut timeout_ms = FIRST_TIMEOUT_MS;
+    loop {
+        sleep(Duration::from_secs(random.random_range(GROUND_S.0..=GROUND_S.1))).await;
+        let command = match random.random_range(0..10) {
+            0..=5 => {
+                timeout_ms += 1;
+                Command::ConfigureSolver { enabled: true, timeout_s: f64::from(timeout_ms) / 1000.0 }
+            }
+            6 | 7 => Command::SetFocus { position_counts: random.random_range(FOCUS.0..=FOCUS.1) },
+            8 => Command::GetFocus {},
+            _ => Command::AbortFocus { use_result: false },
+        };
+        if let Some(handle) = handles.iter().find(|handle| handle.is_in_charge()) {
+            account.give(&command);
+            handle.give(command);
+        }
+    }
+}
+
+/// A directory that no file can be written in: another stands in its place.
+async fn spoil(directory: PathBuf, until: Instant) {
+    let aside = directory.with_extension("aside");
+    let put = |from: &Path, to: &Path| std::fs::rename(from, to).is_ok();
+    if !put(&directory, &aside) {
+        return;
+    }
+    let _ = std::fs::write(&directory, "no directory");
+    sleep_until(until).await;
+    let _ = std::fs::remove_file(&directory);
+    put(&aside, &directory);
+}
+
+/// UTC jumps, or is lost, and comes back.
+async fn jump(utc: &'static SimulatedUtc, seed: u64, until: Instant) {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let (before, began) = (utc.unix_s(), Instant::now());
+    utc.set(if random.random_range(0..4) == 0 { None } else { Some(UNIX_S + random.random_range(-JUMP_S..JUMP_S)) });
+    sleep_until(until).await;
+    utc.set(before.map(|before| before + began.elapsed().as_secs_f64()));
+}
+
+/// Strangers that take every place, and say nothing.
+async fn strangers(connect: Connect, count: u32, until: Instant) {
+    let mut lines = Vec::new();
+    for _ in 0..count {
+        lines.extend(connect().await);
+    }
+    sleep_until(until).await;
+}

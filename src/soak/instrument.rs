@@ -1,0 +1,184 @@
+//! Camera, sky and solver as they are in a soak: the simulated ones, which fail when the schedule says so.
+
+use super::account::Account;
+use super::schedule::Class;
+use crate::camera::{CameraError, Moment, SimulatedSky, Source};
+use crate::image::{Frame, ImageCounter};
+use crate::service::{MakeSolver, MakeSource, SimulatedLens, Solve, Stars, simulated_sky};
+use crate::settings::Settings;
+use crate::solve::{Outcome, Prior, Report, Watch};
+use rustix::time::{ClockId, clock_gettime};
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio::time::Instant;
+
+/// Kind of the frames of a false sky: artefacts, and no star.
+const FALSE_SKY: &str = "nostars";
+/// A solver that hangs goes on for this much longer than it may.
+const HANGS_FOR: Duration = Duration::from_secs(3);
+/// A slow solver takes this long besides.
+const SLOW_BY: Duration = Duration::from_millis(1500);
+/// Longest step of the clock: what waits is late by no more.
+const STEP: Duration = Duration::from_millis(10);
+
+/// Which faults of the instrument last until when. One that strikes once is taken away when it has struck.
+#[derive(Clone, Default)]
+pub struct Faults(Arc<Mutex<BTreeMap<Class, Instant>>>);
+
+impl Faults {
+    /// A fault begins.
+    pub fn begin(&self, class: Class, until: Instant) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(class, until);
+    }
+
+    /// Whether it lasts.
+    pub fn lasts(&self, class: Class) -> bool {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).get(&class).is_some_and(|until| Instant::now() < *until)
+    }
+
+    /// Whether it strikes now, once.
+    fn strikes(&self, class: Class) -> bool {
+        let lasts = self.lasts(class);
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).remove(&class);
+        lasts
+    }
+}
+
+/// Lets time pass for work that was done in no time of a paused clock.
+#[derive(Clone)]
+pub struct Charger(Option<mpsc::Sender<(Duration, std::sync::mpsc::SyncSender<()>)>>);
+
+impl Charger {
+    /// For a paused clock; must be made within its runtime.
+    pub fn of_paused_clock() -> Self {
+        let (sender, mut bills) = mpsc::channel::<(Duration, std::sync::mpsc::SyncSender<()>)>(1);
+        tokio::spawn(async move {
+            while let Some((mut bill, paid)) = bills.recv().await {
+                while !bill.is_zero() {
+                    let step = bill.min(STEP);
+                    tokio::time::advance(step).await;
+                    tokio::task::yield_now().await;
+                    bill -= step;
+                }
+                let _ = paid.send(());
+            }
+        });
+        Self(Some(sender))
+    }
+
+    /// For real time, which passes by itself.
+    pub fn of_real_time() -> Self {
+        Self(None)
+    }
+
+    /// Charges time that a thread of the blocking pool has worked.
+    fn worked(&self, time: Duration) {
+        let Some(sender) = &self.0 else { return };
+        let (paid, wait) = std::sync::mpsc::sync_channel(1);
+        if sender.blocking_send((time, paid)).is_ok() {
+            let _ = wait.recv();
+        }
+    }
+
+    /// Spends time on a thread of the blocking pool.
+    fn spend(&self, time: Duration) {
+        if self.0.is_some() {
+            self.worked(time);
+        } else {
+            std::thread::sleep(time);
+        }
+    }
+}
+
+/// CPU time of this thread.
+fn thread_time() -> Duration {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    Duration::new(time.tv_sec.unsigned_abs(), u32::try_from(time.tv_nsec).unwrap_or_default())
+}
+
+/// The camera: what it shows goes into the account.
+pub fn camera(
+    settings: &Arc<Settings>,
+    stars: &Stars,
+    lens: Option<&SimulatedLens>,
+    faults: &Faults,
+    account: &Account,
+) -> MakeSource {
+    struct Camera {
+        sky: SimulatedSky,
+        false_sky: SimulatedSky,
+        faults: Faults,
+        account: Account,
+    }
+    impl Source for Camera {
+        fn next(&mut self, moment: &Moment) -> Result<Frame, CameraError> {
+            let ImageCounter(image) = moment.image;
+            if self.faults.lasts(Class::CameraGone) {
+                return Err(CameraError::Unavailable("soak: it is gone".to_owned()));
+            }
+            self.account.frame(image);
+            if self.faults.strikes(Class::ImageUnreadable) {
+                return Err(CameraError::Unreadable { origin: format!("soak-{image}"), problem: "it is torn".to_owned() });
+            }
+            if self.faults.strikes(Class::CameraPanics) {
+                std::panic::panic_any("soak: the driver breaks");
+            }
+            let sky = if self.faults.lasts(Class::FalseSky) { &mut self.false_sky } else { &mut self.sky };
+            let frame = sky.next(moment)?;
+            self.account.truth(image, sky.truth().and_then(|truth| truth.attitude));
+            Ok(frame)
+        }
+    }
+    let (settings, stars, lens, faults, account) =
+        (Arc::clone(settings), stars.clone(), lens.cloned(), faults.clone(), account.clone());
+    Arc::new(move || {
+        let sky = simulated_sky(&settings, &stars, lens.as_ref())?;
+        let mut other = Settings::clone(&settings);
+        FALSE_SKY.clone_into(&mut other.simulate.kind);
+        let false_sky = simulated_sky(&other, &stars, None)?;
+        Ok(Box::new(Camera { sky, false_sky, faults: faults.clone(), account: account.clone() }) as Box<dyn Source>)
+    })
+}
+
+/// The solver, whose time is charged.
+pub fn solver(inner: MakeSolver, faults: &Faults, charger: &Charger) -> MakeSolver {
+    struct Charged {
+        inner: Box<dyn Solve>,
+        faults: Faults,
+        charger: Charger,
+        timeout: Duration,
+    }
+    impl Solve for Charged {
+        fn solve(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome {
+            if self.faults.strikes(Class::SolverPanics) {
+                std::panic::panic_any("soak: the solver breaks");
+            }
+            if self.faults.strikes(Class::SolverHangs) {
+                self.charger.spend(self.timeout + HANGS_FOR);
+            }
+            if self.faults.lasts(Class::SolverSlow) {
+                self.charger.spend(SLOW_BY);
+            }
+            let before = thread_time();
+            let outcome = self.inner.solve(frame, prior, watch);
+            self.charger.worked(thread_time().saturating_sub(before));
+            outcome
+        }
+
+        fn report(&self, outcome: &Outcome) -> Report {
+            self.inner.report(outcome)
+        }
+
+        fn adopt(&mut self, settings: &Arc<Settings>) {
+            self.timeout = Duration::from_secs_f64(settings.solver.timeout_s);
+            self.inner.adopt(settings);
+        }
+    }
+    let (faults, charger) = (faults.clone(), charger.clone());
+    Arc::new(move || {
+        let (inner, timeout) = (inner()?, Duration::ZERO);
+        Ok(Box::new(Charged { inner, faults: faults.clone(), charger: charger.clone(), timeout }) as Box<dyn Solve>)
+    })
+}

@@ -1,0 +1,98 @@
+//! The report of a flight: what was wanted, what was got, and the seed that flies it again.
+
+use super::account::{Book, GAPS_MS};
+use super::flight::Plan;
+use super::schedule::Class;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
+use std::time::Duration;
+
+/// Examples that are printed of what went wrong.
+const EXAMPLES: usize = 5;
+
+/// What came of a flight.
+#[derive(Debug, Clone)]
+pub struct Report {
+    /// The lines, for people.
+    pub text: String,
+    /// Nothing was lost or wrong.
+    pub good: bool,
+}
+
+impl Report {
+    /// Closes the books of a flight.
+    pub fn new(plan: &Plan, flown: Duration, book: Book, faults: BTreeMap<Class, u32>) -> Self {
+        let mut report = Self { text: String::new(), good: true };
+        let (total, least) =
+            (faults.values().sum::<u32>(), Class::ALL.iter().map(|class| faults.get(class).copied().unwrap_or(0)));
+        let least = least.min().unwrap_or(0);
+        report.line(&format!(
+            "seed {}: {:.2} days flown, {total} faults of {} classes, each {least} times or more",
+            plan.seed,
+            flown.as_secs_f64() / 86_400.0,
+            faults.len()
+        ));
+        for (class, count) in &faults {
+            report.line(&format!("  {count:5} {}", class.name()));
+        }
+        let frames: u32 = book.frames.iter().sum();
+        let kept = records(&plan.directory.join("record"));
+        report.line(&format!(
+            "{frames} frames in {} runs of the service; of those that updates showed {} solved and {} not",
+            book.frames.len(),
+            book.solved,
+            book.unsolved
+        ));
+        let gaps: Vec<String> = GAPS_MS
+            .iter()
+            .zip(book.gaps)
+            .map(|(bound, count)| if *bound == u64::MAX { format!("over: {count}") } else { format!("≤ {bound} ms: {count}") })
+            .collect();
+        report.line(&format!("{} updates; time between two on a link that stood: {}", book.updates, gaps.join(", ")));
+        report.line(&format!("commands given {}: {:?}; refused blocks and slots {:?}", book.given, book.ended, book.refused));
+        report.line(&format!("restarts of actors: {:?}", book.restarts));
+        report.want("no wrong solution", &book.wrong);
+        report.want("no update late by over 0.1 s on a link that stood", &book.late);
+        report.want("nothing done that nobody commanded", &book.spurious);
+        report.want("no command lost", &book.lost);
+        report.want("each command done once where it was said to be done, never twice", &book.contradictions());
+        let lost: Vec<String> =
+            (kept != u64::from(frames)).then(|| format!("{frames} frames, {kept} outcomes")).into_iter().collect();
+        report.want("an outcome kept of every frame", &lost);
+        let some = |what: &str, count: u64| (count == 0).then(|| format!("no {what}"));
+        let nothing: Vec<String> =
+            [some("frame", frames.into()), some("solution", book.solved.into()), some("update", book.updates)]
+                .into_iter()
+                .flatten()
+                .collect();
+        report.want("frames, solutions and updates", &nothing);
+        report.line(&format!(
+            "again: stars soak --seed {} --duration {}s --every {}s",
+            plan.seed,
+            plan.duration.as_secs(),
+            plan.every.as_secs()
+        ));
+        report
+    }
+
+    fn line(&mut self, line: &str) {
+        let _ = writeln!(self.text, "{line}");
+    }
+
+    fn want(&mut self, wanted: &str, problems: &[String]) {
+        let verdict = if problems.is_empty() { "PASS" } else { "FAIL" };
+        self.good &= problems.is_empty();
+        self.line(&format!("wanted: {wanted}  got: {} problems  {verdict}", problems.len()));
+        problems.iter().take(EXAMPLES).for_each(|problem| self.line(&format!("  {problem}")));
+    }
+}
+
+/// Whole lines in the files of records.
+fn records(directory: &Path) -> u64 {
+    let files = std::fs::read_dir(directory).into_iter().flatten().flatten();
+    let lines = |file: std::fs::DirEntry| {
+        std::fs::read(file.path()).map_or(0, |bytes| bytes.split(|byte| *byte == b'\n').count() as u64 - 1)
+    };
+    files.map(lines).sum()
+}
