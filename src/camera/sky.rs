@@ -4,7 +4,7 @@ use super::{CameraError, Moment, Source};
 use crate::catalog::Catalogue;
 use crate::image::Frame;
 use crate::settings::{Settings, SimulateSettings};
-use crate::simulate::sky::{Kind, RenderSpec, Truth, UnknownKind, render};
+use crate::simulate::sky::{FixedPattern, Kind, RenderSpec, Truth, UnknownKind, render_with};
 use crate::sky::{ARCSEC, Attitude, ClockQuality, DEG, Observer, RowOrder, precess_from_j2000, wrap_two_pi};
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::sync::Arc;
@@ -69,6 +69,7 @@ pub struct SimulatedSky {
     catalogue: Arc<Catalogue>,
     gondola: Gondola,
     spec: RenderSpec,
+    pattern: FixedPattern,
     truth: Option<Truth>,
     lens: Option<LensFocus>,
     /// Gain, dB: what a camera would report. It changes no pixel.
@@ -100,7 +101,15 @@ impl SimulatedSky {
             camera: Some(settings.simulate.seed),
             ..RenderSpec::new(kind, settings.simulate.seed, 0)
         };
-        Ok(Self { catalogue, gondola: Gondola::new(&settings.simulate), spec, truth: None, lens: None, gain_db: 0.0 })
+        Ok(Self {
+            catalogue,
+            gondola: Gondola::new(&settings.simulate),
+            spec,
+            pattern: FixedPattern::default(),
+            truth: None,
+            lens: None,
+            gain_db: 0.0,
+        })
     }
 
     /// Behind a lens whose focus is at what `position` says, counts: away from `simulate.best_focus_counts` stars become discs. Frames
@@ -146,7 +155,8 @@ impl Source for SimulatedSky {
             disc_px: self.lens.as_ref().map(LensFocus::disc_px),
             ..self.spec.clone()
         };
-        let rendered = render(&spec, &self.catalogue).map_err(|error| CameraError::Unavailable(error.to_string()))?;
+        let rendered = render_with(&spec, &self.catalogue, &mut self.pattern)
+            .map_err(|error| CameraError::Unavailable(error.to_string()))?;
         let mut frame = rendered.frame;
         frame.stamp.captured = moment.utc.map(|utc| (utc, moment.quality)).filter(|(_, quality)| *quality != ClockQuality::Unset);
         frame.stamp.observer = Some(self.gondola.observer(moment.uptime));

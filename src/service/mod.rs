@@ -309,10 +309,7 @@ pub async fn start(settings: Arc<Settings>, inherited: Inherited, manager: Manag
 /// See [`StartError`].
 pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>) -> Result<Running, StartError> {
     let Doors { door: socket, legacy_door, links, manager, utc } = doors.into();
-    let lens = match parts.lens {
-        Some(lens) => Some(lens),
-        None => simulated_lens(&settings)?,
-    };
+    let lens = parts.lens.map_or_else(|| simulated_lens(&settings), |lens| Ok(Some(lens)))?;
     let address = socket.local_addr().map_err(|error| StartError::Listen { address: settings.network.listen.clone(), error })?;
     let allowed = addresses(&settings.network.peers)?;
     let legacy = legacy::bind(&settings.legacy, legacy_door)
@@ -329,12 +326,7 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
     let (abort_solver, abort) = watch::channel(0);
     let hub = hub::Handle::new(to_hub);
     let span = if simulated.any() { tracing::info_span!("simulated") } else { Span::none() };
-    span.in_scope(|| {
-        let Run { number, last_end } = run;
-        let commanded = kept.commanded.join("; ");
-        let (camera, lens) = (settings.camera.kind, settings.lens.kind);
-        tracing::info!(%address, ?camera, ?lens, run = number, ?last_end, commanded, "serving");
-    });
+    span.in_scope(|| announce(address, &settings, run, &kept));
     let pulses = Pulses::default();
     let watchman =
         Watchman { hub: hub.clone(), settings: Arc::clone(&settings), state: state.clone(), clock, span, pulses: pulses.clone() };
@@ -395,6 +387,14 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
         runs,
         stages,
     })
+}
+
+/// A line of the log for the start.
+fn announce(address: SocketAddr, settings: &Settings, run: Run, kept: &Kept) {
+    let Run { number, last_end } = run;
+    let commanded = kept.commanded.join("; ");
+    let (camera, lens) = (settings.camera.kind, settings.lens.kind);
+    tracing::info!(%address, ?camera, ?lens, run = number, ?last_end, commanded, "serving");
 }
 
 /// The ledger, what it kept, and in what state that was found; none where the settings name no directory.

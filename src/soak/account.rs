@@ -248,3 +248,92 @@ fn report(pointing: &Equatorial) -> PointingReport {
         ..PointingReport::default()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::command::Guard;
+    use crate::settings::Settings;
+    use crate::sky::DEG;
+    use crate::wire::{Image, Link};
+
+    fn configured(account: &Account, timeout_s: f64) {
+        let mut settings = Settings::flight().unwrap();
+        settings.solver.timeout_s = timeout_s;
+        account.state(&State::new(Arc::new(settings), Guard::default()));
+    }
+
+    fn begun() -> Account {
+        let account = Account::default();
+        account.begin_run();
+        account.begun_run(7, 10.0);
+        account
+    }
+
+    fn reply(stage: Stage) -> CommandReply {
+        CommandReply { stage: stage.into(), ..CommandReply::default() }
+    }
+
+    #[tokio::test]
+    async fn what_nobody_commanded_and_what_ran_twice_or_not_at_all_is_found() {
+        let account = begun();
+        let give = |timeout_s| {
+            let command = Command::ConfigureSolver { enabled: true, timeout_s };
+            account.give(&command);
+            command
+        };
+        let [once, twice, never, refused] = [5.0, 6.0, 7.0, 8.0].map(give);
+        for timeout_s in [5.0, 5.0, 6.0, 5.5, 6.0, 8.0] {
+            configured(&account, timeout_s);
+        }
+        for command in [once, twice, never] {
+            account.end(&command, Some(&reply(Stage::Completed)), false);
+        }
+        account.end(&refused, Some(&reply(Stage::Rejected)), false);
+        let book = account.so_far();
+        assert_eq!((book.spurious.len(), book.lost.len()), (0, 0));
+        let found = book.contradictions();
+        assert_eq!(found.len(), 3, "{found:?}");
+        configured(&account, POISON_TIMEOUT_S + 1.0);
+        account.end(&give(9.0), None, true);
+        assert_eq!((account.so_far().spurious.len(), account.so_far().lost.len()), (1, 0));
+        account.end(&give(9.5), None, false);
+        assert_eq!(account.so_far().lost, ["solver.configure 1 9.5"]);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_wrong_solution_and_a_late_update_are_found() {
+        let account = begun();
+        account.truth(1, Some(Attitude::from_angles(1.0, 20.0 * DEG, 0.0)));
+        account.truth(2, None);
+        let update = |image: u32, dec_deg: f64| {
+            let pointing = Equatorial {
+                ra_deg: 1.0 / DEG,
+                dec_deg,
+                sigma_east_arcsec: 0.5,
+                sigma_north_arcsec: 0.5,
+                platescale_arcsec_px: 9.5,
+                ..Equatorial::default()
+            };
+            let image = Image {
+                image_counter: image.into(),
+                reason: Reason::Solved.into(),
+                equatorial: Some(pointing).into(),
+                ..Image::default()
+            };
+            let link = Link { boot_id: 7_u32.into(), ..Link::default() };
+            Update { image: Some(image).into(), link, ..Update::default() }
+        };
+        let before = Instant::now();
+        tokio::time::advance(Duration::from_millis(500)).await;
+        account.update(1, &update(1, 20.0), Some(before));
+        assert!(account.so_far().wrong.is_empty() && account.so_far().late.is_empty());
+        tokio::time::advance(Duration::from_millis(101)).await;
+        account.update(1, &update(2, 20.0), Some(before));
+        let book = account.so_far();
+        assert_eq!((book.wrong.len(), book.late.len(), book.solved), (1, 1, 2), "{:?}", book.wrong);
+        account.truth(3, Some(Attitude::from_angles(1.0, 20.0 * DEG, 0.0)));
+        account.update(2, &update(3, 20.01), None);
+        assert_eq!(account.so_far().wrong.len(), 2);
+    }
+}

@@ -61,6 +61,8 @@ const DISTURBED_AFTER: Duration = Duration::from_secs(60);
 /// A clock of 2026-12-20, and by how much it jumps at most, s: thirty years.
 const UNIX_S: f64 = 1_797_724_800.0;
 const JUMP_S: f64 = 30.0 * 365.25 * 86_400.0;
+/// Time between frames, s: the flight's own.
+const PERIOD_S: f64 = 40.0;
 /// One run of the service in so many has quick frames, from the one of this number on; and the time between them, s.
 const QUICK_RUN: (usize, usize) = (128, 5);
 const QUICK_PERIOD_S: f64 = 1.0;
@@ -159,6 +161,7 @@ fn adapted(settings: &Settings, plan: &Plan) -> Settings {
     let mut settings = settings.clone();
     settings.camera.kind = CameraKind::Sky;
     settings.camera.startup_delay_s = 0.0;
+    settings.camera.period_s = PERIOD_S;
     settings.lens.kind = LensKind::Simulated;
     settings.lens.simulated.start_counts = BEST_COUNTS;
     settings.simulate.best_focus_counts = BEST_COUNTS;

@@ -92,6 +92,12 @@ impl Charger {
     }
 }
 
+/// Panics, as the schedule wants it.
+#[allow(clippy::panic, reason = "that is the fault")]
+fn break_off(what: &'static str) {
+    std::panic::panic_any(what);
+}
+
 /// CPU time of this thread.
 fn thread_time() -> Duration {
     let time = clock_gettime(ClockId::ThreadCPUTime);
@@ -123,7 +129,7 @@ pub fn camera(
                 return Err(CameraError::Unreadable { origin: format!("soak-{image}"), problem: "it is torn".to_owned() });
             }
             if self.faults.strikes(Class::CameraPanics) {
-                std::panic::panic_any("soak: the driver breaks");
+                break_off("soak: the driver breaks");
             }
             let sky = if self.faults.lasts(Class::FalseSky) { &mut self.false_sky } else { &mut self.sky };
             let frame = sky.next(moment)?;
@@ -153,7 +159,7 @@ pub fn solver(inner: MakeSolver, faults: &Faults, charger: &Charger) -> MakeSolv
     impl Solve for Charged {
         fn solve(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome {
             if self.faults.strikes(Class::SolverPanics) {
-                std::panic::panic_any("soak: the solver breaks");
+                break_off("soak: the solver breaks");
             }
             if self.faults.strikes(Class::SolverHangs) {
                 self.charger.spend(self.timeout + HANGS_FOR);

@@ -2,7 +2,6 @@
 
 use super::WireError;
 use bytes::{Buf, BufMut, Bytes, BytesMut};
-use crc::{CRC_32_ISO_HDLC, Crc};
 
 /// The bytes that every frame begins with: the attached sync marker of CCSDS 131.0-B, chosen there for its low chance
 /// of turning up in data or shifted against itself.
@@ -19,9 +18,6 @@ const CHECKSUM: usize = 4;
 /// What the length counts is at least kind, version and checksum.
 const LEAST_LENGTH: usize = 2 + CHECKSUM;
 
-/// IEEE 802.3, as zlib and Python's `binascii.crc32` compute it.
-const CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
-
 /// A frame whose checksum is right; what it carries is not looked at yet.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct RawFrame {
@@ -30,9 +26,9 @@ pub(super) struct RawFrame {
     pub body: Bytes,
 }
 
-/// CRC-32 of some bytes.
+/// CRC-32 of some bytes: IEEE 802.3, as zlib and Python's `binascii.crc32` compute it.
 pub(super) fn crc32(bytes: &[u8]) -> u32 {
-    CRC32.checksum(bytes)
+    crc32fast::hash(bytes)
 }
 
 /// Appends a frame.
@@ -42,7 +38,7 @@ pub(super) fn put_frame(kind: u8, version: u8, body: &[u8], out: &mut BytesMut) 
         return Err(WireError::TooLong { bytes: total });
     }
     let length = u32::try_from(total - HEAD).map_err(|_| WireError::TooLong { bytes: total })?;
-    let mut digest = CRC32.digest();
+    let mut digest = crc32fast::Hasher::new();
     digest.update(&[kind, version]);
     digest.update(body);
     out.reserve(total);

@@ -150,12 +150,43 @@ impl RenderSpec {
     }
 }
 
+/// The sensitivities of a camera's pixels. They stay with it, so that whoever keeps this need not have them drawn for each frame.
+#[derive(Debug, Clone, Default)]
+pub struct FixedPattern {
+    /// What they were drawn for: the camera, columns, rows.
+    of: Option<(u64, usize, usize)>,
+    /// Sensitivity of each pixel, 1 on average.
+    factors: Vec<f32>,
+}
+
+impl FixedPattern {
+    fn of(&mut self, spec: &RenderSpec) -> &[f32] {
+        let of = spec.camera.map(|camera| (camera, spec.width, spec.height));
+        if of.is_none() || self.of != of {
+            let mut dice = spec.camera_dice(Purpose::Pattern);
+            self.factors.clear();
+            self.factors.extend((0..spec.width * spec.height).map(|_| 1.0 + (FIXED_PATTERN * dice.normal()) as f32));
+            self.of = of;
+        }
+        &self.factors
+    }
+}
+
 /// Renders a frame.
 ///
 /// # Errors
 ///
 /// A size or a plate scale that no picture has.
 pub fn render(spec: &RenderSpec, catalogue: &Catalogue) -> Result<Rendered, RenderError> {
+    render_with(spec, catalogue, &mut FixedPattern::default())
+}
+
+/// The same, for one frame after the other.
+///
+/// # Errors
+///
+/// As [`render`].
+pub fn render_with(spec: &RenderSpec, catalogue: &Catalogue, pattern: &mut FixedPattern) -> Result<Rendered, RenderError> {
     spec.check()?;
     let (width, height) = (spec.width, spec.height);
     let mut scene = Scene::draw(spec, catalogue);
@@ -172,7 +203,7 @@ pub fn render(spec: &RenderSpec, catalogue: &Catalogue) -> Result<Rendered, Rend
             }
             images.iter().for_each(|star| star.paint(&mut light, width));
             specks::draw(spec, &scene).iter().for_each(|speck| speck.paint(&mut light, width));
-            dim(&mut light, &transmission, &mut spec.camera_dice(Purpose::Pattern));
+            dim(&mut light, &transmission, pattern.of(spec));
             scene.flaws.paint_lasting(&mut light, width, sensor.sum_over_mean, &mut spec.camera_dice(Purpose::HotPixels));
             scene.flaws.paint_tracks(&mut light, width, sensor.sum_over_mean, &mut spec.dice(Purpose::Events));
             if sensor.overflows {
@@ -193,8 +224,8 @@ pub fn render(spec: &RenderSpec, catalogue: &Catalogue) -> Result<Rendered, Rend
 }
 
 /// Dims the light by the optics' transmission and the pixels' own sensitivities.
-fn dim(light: &mut [f32], transmission: &[f32], pattern: &mut Dice) {
-    for (pixel, &transmission) in light.iter_mut().zip(transmission) {
-        *pixel *= transmission * (1.0 + (FIXED_PATTERN * pattern.normal()) as f32);
+fn dim(light: &mut [f32], transmission: &[f32], pattern: &[f32]) {
+    for ((pixel, transmission), sensitivity) in light.iter_mut().zip(transmission).zip(pattern) {
+        *pixel *= transmission * sensitivity;
     }
 }
