@@ -221,9 +221,10 @@ fn commands(settings: &Settings) -> Verdict {
     let named = [1, 2].into_iter().filter(|id| keys.has(FlightComputer(*id))).count();
     let keys = format!("{named} keys, authentication {}", if keys.required() { "required" } else { "not required" });
     if commands.ledger_directory.is_empty() {
-        return Verdict::Note(format!("{keys}; counters do not survive a restart (commands.ledger_directory)"));
+        return Verdict::Note(format!("{keys}; nothing outlasts a restart (commands.ledger_directory is empty)"));
     }
-    Verdict::Good(format!("{keys}; counters in {}", commands.ledger_directory))
+    let taken = takes_files("commands.ledger_directory", &commands.ledger_directory);
+    taken.map(|words| format!("{keys}; what outlasts a restart: {words}")).into()
 }
 
 /// Whether the lens's port is there. Nothing is sent.
@@ -264,7 +265,11 @@ fn disk(settings: &Settings) -> Verdict {
     if !settings.record.enabled {
         return Verdict::Note("record.enabled = false: outcomes are not kept".to_owned());
     }
-    let name = &settings.record.directory;
+    takes_files("record.directory", &settings.record.directory).into()
+}
+
+/// Whether a directory takes a file; it is made if it is not there.
+fn takes_files(setting: &str, name: &str) -> Result<String, String> {
     let probe = Path::new(name).join(format!(".selftest-{}", std::process::id()));
     let written = std::fs::create_dir_all(name).and_then(|()| {
         let mut file = std::fs::File::create(&probe)?;
@@ -272,7 +277,7 @@ fn disk(settings: &Settings) -> Verdict {
         file.sync_all()
     });
     let removed = written.and_then(|()| std::fs::remove_file(&probe));
-    removed.map(|()| format!("{name} takes files")).map_err(|error| format!("record.directory = \"{name}\": {error}")).into()
+    removed.map(|()| format!("{name} takes files")).map_err(|error| format!("{setting} = \"{name}\": {error}"))
 }
 
 /// Whether each sensor gives a value.

@@ -63,6 +63,8 @@ const UNIX_S: f64 = 1_797_724_800.0;
 const JUMP_S: f64 = 30.0 * 365.25 * 86_400.0;
 /// Time between frames, s: the flight's own.
 const PERIOD_S: f64 = 40.0;
+/// Time between readings of the sensors, s: each takes a thread, and a flight has two million.
+const SENSORS_S: f64 = 5.0;
 /// One run of the service in so many has quick frames, from the one of this number on; and the time between them, s.
 const QUICK_RUN: (usize, usize) = (128, 5);
 const QUICK_PERIOD_S: f64 = 1.0;
@@ -162,6 +164,7 @@ fn adapted(settings: &Settings, plan: &Plan) -> Settings {
     settings.camera.kind = CameraKind::Sky;
     settings.camera.startup_delay_s = 0.0;
     settings.camera.period_s = PERIOD_S;
+    settings.housekeeping.period_s = SENSORS_S;
     settings.lens.kind = LensKind::Simulated;
     settings.lens.simulated.start_counts = BEST_COUNTS;
     settings.simulate.best_focus_counts = BEST_COUNTS;
