@@ -76,10 +76,9 @@ fn line(progress: &Progress, duration: Duration) -> String {
     let Progress { flown, book } = progress;
     let hours = |time: Duration| time.as_secs_f64() / 3600.0;
     format!(
-        "{:6.1} of {:.1} h: {} frames, {} solved, {} wrong; {} updates, longest gap {} ms; {} commands, {} lost, {} spurious",
+        "{:6.1} of {:.1} h: {} solved, {} wrong; {} updates, longest gap {} ms; {} commands, {} lost, {} spurious",
         hours(*flown),
         hours(duration),
-        book.frames.iter().sum::<u32>(),
         book.solved,
         book.wrong.len(),
         book.updates,

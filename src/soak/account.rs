@@ -23,8 +23,12 @@ pub const GAPS_MS: [u64; 8] = [500, 510, 520, 550, 600, 700, 1000, u64::MAX];
 /// All that is counted.
 #[derive(Debug, Clone, Default)]
 pub struct Book {
-    /// Frames that the camera gave or broke over, by run of the service.
-    pub frames: Vec<u32>,
+    /// Runs of the service.
+    pub runs: usize,
+    /// Frames that the service took, and outcomes that it said it lost.
+    pub frames: u32,
+    /// See there.
+    pub records_lost: u32,
     /// Images seen in updates: solved, not solved, wrongly solved.
     pub solved: u32,
     /// See there.
@@ -85,13 +89,13 @@ impl Account {
 
     /// The service is to start: images are numbered anew.
     pub fn begin_run(&self) {
-        self.book().frames.push(0);
+        self.book().runs += 1;
     }
 
     /// It has started: its boot, and its settings as they are.
     pub fn begun_run(&self, boot: u32, timeout_s: f64) {
         let mut book = self.book();
-        let run = book.frames.len();
+        let run = book.runs;
         book.boots.insert(boot, run);
         book.timeout = Some(key(timeout_s));
     }
@@ -99,6 +103,8 @@ impl Account {
     /// The service ends: what it counted.
     pub fn end_run(&self, state: &State) {
         let mut book = self.book();
+        book.frames += state.counters.frames_taken;
+        book.records_lost += state.counters.records_lost;
         for (actor, count) in &state.counters.restarts {
             *book.restarts.entry(format!("{actor:?}").to_lowercase()).or_default() += count;
         }
@@ -107,18 +113,10 @@ impl Account {
         }
     }
 
-    /// The camera was asked for an image, and it will have its number.
-    pub fn frame(&self, image: u32) {
-        let mut book = self.book();
-        if let Some(frames) = book.frames.last_mut() {
-            *frames = (*frames).max(image.saturating_add(1));
-        }
-    }
-
     /// What an image shows: an attitude, or nothing to solve.
     pub fn truth(&self, image: u32, attitude: Option<Attitude>) {
         let mut book = self.book();
-        let run = book.frames.len();
+        let run = book.runs;
         book.truths.insert((run, image), attitude);
         while book.truths.len() > REMEMBERED {
             book.truths.pop_first();

@@ -68,6 +68,8 @@ const SENSORS_S: f64 = 5.0;
 /// One run of the service in so many has quick frames, from the one of this number on; and the time between them, s.
 const QUICK_RUN: (usize, usize) = (128, 5);
 const QUICK_PERIOD_S: f64 = 1.0;
+/// By then a disk that is back has what waited for it: longer than the longest pause of the recorder.
+const DISK_BACK: Duration = Duration::from_secs(15);
 /// Bytes that a line within the process holds.
 const LINE_BYTES: usize = 64 * 1024;
 
@@ -178,7 +180,7 @@ fn adapted(settings: &Settings, plan: &Plan) -> Settings {
 impl Soak {
     async fn start(&self) -> Result<Running, StartError> {
         let mut settings = Settings::clone(&self.settings);
-        if self.account.so_far().frames.len() % QUICK_RUN.0 == QUICK_RUN.1 {
+        if self.account.so_far().runs % QUICK_RUN.0 == QUICK_RUN.1 {
             settings.camera.period_s = QUICK_PERIOD_S;
         }
         let settings = Arc::new(settings);
@@ -199,11 +201,20 @@ impl Soak {
     }
 
     async fn end(&self, running: Running, words: &mut Tick) {
+        // What waits for a dead disk would be lost with the run: whoever ends it waits until the disk has it.
+        let is_dead = || Path::new(&self.settings.record.directory).is_file();
+        if is_dead() {
+            while is_dead() {
+                sleep(Duration::from_secs(1)).await;
+            }
+            sleep(DISK_BACK).await;
+        }
         self.look_at_the_lens(words);
         *self.door.lock().unwrap_or_else(PoisonError::into_inner) = None;
-        self.account.end_run(&running.state.borrow());
         self.handles.iter().for_each(|handle| handle.disturb(Instant::now() + DISTURBED_AFTER));
+        let state = running.state.clone();
         running.stop().await;
+        self.account.end_run(&state.borrow());
     }
 
     /// Whether the lens was sent where no honest command sends it.

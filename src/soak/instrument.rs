@@ -124,7 +124,6 @@ pub fn camera(
             if self.faults.lasts(Class::CameraGone) {
                 return Err(CameraError::Unavailable("soak: it is gone".to_owned()));
             }
-            self.account.frame(image);
             if self.faults.strikes(Class::ImageUnreadable) {
                 return Err(CameraError::Unreadable { origin: format!("soak-{image}"), problem: "it is torn".to_owned() });
             }

@@ -36,13 +36,11 @@ impl Report {
         for (class, count) in &faults {
             report.line(&format!("  {count:5} {}", class.name()));
         }
-        let frames: u32 = book.frames.iter().sum();
+        let frames = book.frames;
         let kept = records(&plan.directory.join("record"));
         report.line(&format!(
             "{frames} frames in {} runs of the service; of those that updates showed {} solved and {} not",
-            book.frames.len(),
-            book.solved,
-            book.unsolved
+            book.runs, book.solved, book.unsolved
         ));
         let gaps: Vec<String> = GAPS_MS
             .iter()
@@ -57,8 +55,10 @@ impl Report {
         report.want("nothing done that nobody commanded", &book.spurious);
         report.want("no command lost", &book.lost);
         report.want("each command done once where it was said to be done, never twice", &book.contradictions());
-        let lost: Vec<String> =
-            (kept != u64::from(frames)).then(|| format!("{frames} frames, {kept} outcomes")).into_iter().collect();
+        let lost: Vec<String> = (kept != u64::from(frames) || book.records_lost > 0)
+            .then(|| format!("{frames} frames, {kept} outcomes, {} said to be lost", book.records_lost))
+            .into_iter()
+            .collect();
         report.want("an outcome kept of every frame", &lost);
         let some = |what: &str, count: u64| (count == 0).then(|| format!("no {what}"));
         let nothing: Vec<String> =
