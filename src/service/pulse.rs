@@ -1,5 +1,5 @@
 //! Pulses: an actor shows that its loop comes round. One that does not is started again, and the program that has one which does not is
-//! not fit to go on: see [`super::watchdog`].
+//! not fit to go on: see [`super::Running::silent`].
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
