@@ -254,8 +254,9 @@ def judge_settings(verdict, ground, log):
 def main():
     stars, kills, seed, scratch = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4])
     verdict, rng, address = Verdict(), random.Random(seed), free_address()
+    stars = os.path.abspath(stars)
     os.chdir(scratch)
-    command = [os.path.abspath(stars), "run"] + settings(
+    command = [stars, "run"] + settings(
         network__listen=address, camera__period_s=BUSY_PERIOD_S, simulate__kind="night", camera__startup_delay_s=0, lens__simulated__speedup=20,
         lens__simulated__start_counts=BEST_FOCUS, simulate__best_focus_counts=BEST_FOCUS,
         record__directory="record", commands__ledger_directory="state", catalog__cache_directory="cache",
