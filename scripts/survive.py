@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 """Kills `stars run` again and again, and watches what its flight computers see of it. Standard library only.
 
-    survive.py STARS KILLS SEED SCRATCH
+    survive.py STARS KILLS SEED SCRATCH [untimed]
 
 Stands in for the service manager: keeps the sockets that the program hands over, and gives them to the next one, as systemd does
 with `FDSTORE`. Three flight computers watch: one in charge, which gives commands without a pause and must never lose its connection;
 a second that only listens on a standing connection; and one that connects anew each time, trying every 10 ms. Prints a line
-`wanted: … got: … PASS|FAIL` for each thing wanted; exits 1 if any failed.
+`wanted: … got: … PASS|FAIL` for each thing wanted; exits 1 if any failed. With `untimed` the times are only shown: for machines that
+others are busy on.
 """
 
 import fcntl
@@ -31,6 +32,8 @@ from watch_service import free_address, settings  # noqa: E402
 # First update and first solution after a kill, s.
 UPDATE_WITHIN_S = 0.5
 SOLUTION_WITHIN_S = 1.0
+# Not waited for any longer, s.
+GIVEN_UP_S = 5.0
 RETRY_S = 0.01
 # The lens of these trials is in focus here, and moves between these places, counts.
 BEST_FOCUS, FOCUS = 3000, (2985, 3015)
@@ -281,12 +284,12 @@ def main():
         fresh.start()
         newer = lambda update: update["boot_id"] != boot  # noqa: E731
         for watcher, place in zip(steady, seen):
-            first = watcher.first(newer, at + 5, place)
-            figures["on the old connection"].append(first[0] - at if first else 5.0)
-        first = fresh.first(newer, at + 5)
-        figures["by a new connection"].append(first[0] - at if first else 5.0)
-        first = fresh.first(lambda update: newer(update) and solved(update), at + 5)
-        figures["first solution"].append(first[0] - at if first else 5.0)
+            first = watcher.first(newer, at + GIVEN_UP_S, place)
+            figures["on the old connection"].append(first[0] - at if first else GIVEN_UP_S)
+        first = fresh.first(newer, at + GIVEN_UP_S)
+        figures["by a new connection"].append(first[0] - at if first else GIVEN_UP_S)
+        first = fresh.first(lambda update: newer(update) and solved(update), at + GIVEN_UP_S)
+        figures["first solution"].append(first[0] - at if first else GIVEN_UP_S)
         fresh.stop = True
     ground.stop = True
     ground.join(timeout=COMMAND_WAITS_S)
@@ -295,8 +298,11 @@ def main():
                          ("first solution", SOLUTION_WITHIN_S)):
         seconds = sorted(figures[what])
         name = what if what.startswith("first") else f"first update {what}"
-        verdict(f"{name} within {within} s of each of {kills} kills",
-                f"median {percentile(seconds, 50):.3f} s, worst {seconds[-1]:.3f} s", seconds[-1] < within)
+        got = f"median {percentile(seconds, 50):.3f} s, worst {seconds[-1]:.3f} s"
+        if "untimed" in sys.argv[5:]:
+            verdict(f"{name} after each of {kills} kills", got, seconds[-1] < GIVEN_UP_S)
+        else:
+            verdict(f"{name} within {within} s of each of {kills} kills", got, seconds[-1] < within)
     lost = sum(watcher.connections - 1 for watcher in steady)
     verdict("no standing connection lost", f"{lost} lost {steady[0].ends[:3] + steady[1].ends[:3]}", lost == 0)
     judge_settings(verdict, ground, log)
