@@ -462,7 +462,7 @@ pub struct CommandSettings {
     pub key_file_1: String,
     /// File with the key of flight computer 2; empty for none.
     pub key_file_2: String,
-    /// Directory of the ledger of counters; empty: they do not survive a restart.
+    /// Directory of what outlasts a restart; empty: nothing does.
     pub ledger_directory: String,
     /// Program that switches the computer off; empty for none.
     pub shut_down_program: String,
