@@ -10,7 +10,7 @@ use crate::service::{
 use crate::settings::{CameraKind, Layer, LensKind, Loaded, Settings, parse_span};
 use crate::simulate::{COVERED_SIGMA, FlightComputer, Judged};
 use crate::sky::Attitude;
-use crate::solve::{PointingReport, Reason};
+use crate::solve::Reason;
 use crate::wire::{Equatorial, Image};
 use std::collections::BTreeMap;
 use std::process::ExitCode;
@@ -251,7 +251,7 @@ impl Board {
         let Equatorial { ra_deg, dec_deg, roll_deg, .. } = pointing;
         let served = format!("image {number:<4} ra {ra_deg:.5}° dec {dec_deg:+.5}° roll {roll_deg:+.4}°");
         let truth = self.truths.lock().unwrap_or_else(PoisonError::into_inner).get(&number).copied();
-        let Some((truth, judged)) = truth.and_then(|truth| Some((truth, Judged::new(&report(pointing), &truth)?))) else {
+        let Some((truth, judged)) = truth.and_then(|truth| Some((truth, Judged::served(pointing, &truth)?))) else {
             self.wrong += 1;
             return format!("{served}  WRONG: there was nothing to solve");
         };
@@ -288,20 +288,6 @@ impl Board {
              {missed} missed by a flight computer",
             solved + unsolved
         )
-    }
-}
-
-/// The wire's pointing as the report has it.
-fn report(pointing: &Equatorial) -> PointingReport {
-    PointingReport {
-        ra_deg: Some(pointing.ra_deg),
-        dec_deg: Some(pointing.dec_deg),
-        roll_deg: Some(pointing.roll_deg),
-        sigma_east_arcsec: Some(pointing.sigma_east_arcsec),
-        sigma_north_arcsec: Some(pointing.sigma_north_arcsec),
-        sigma_roll_arcsec: Some(pointing.sigma_roll_arcsec),
-        platescale_arcsec_px: Some(pointing.platescale_arcsec_px),
-        ..PointingReport::default()
     }
 }
 

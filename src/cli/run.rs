@@ -83,7 +83,7 @@ async fn watch(running: &Running, manager: &Manager, silent_for: Duration) -> In
     let mut ticks = tokio::time::interval(period);
     loop {
         ticks.tick().await;
-        match running.silent(silent_for) {
+        match running.hopeless(silent_for) {
             None => manager.alive(),
             Some(actor) => tracing::error!(?actor, "it does not answer: the watchdog is not told that all is well"),
         }

@@ -209,7 +209,8 @@ impl Hub {
     pub async fn run(self, pulse: Pulse) -> Result<(), Ended> {
         let mut inbox = self.inbox.open().await;
         let mut state = State::clone(&self.state.borrow());
-        let mut last = Kept::of(&state, self.focus.learned());
+        // Not known to be on disk: the first record goes there at once, and mends a damaged copy.
+        let mut last = None;
         loop {
             let at = |tick: Option<Tick>| tick.map(|tick| self.clock.started() + tick);
             let (lapse, focus, order) = (at(state.charge.deadline()), at(self.focus.deadline()), at(state.desk.deadline()));
@@ -230,11 +231,11 @@ impl Hub {
     }
 
     /// Sends what outlasts a restart to the disk where it changed; where there is no room for it now, then the next time.
-    fn keep_what_changed(&self, state: &mut State, last: &mut Kept) {
+    fn keep_what_changed(&self, state: &mut State, last: &mut Option<Kept>) {
         let kept = Kept::of(state, self.focus.learned());
         let waited_for = state.settling.iter().any(|settling| settling.record > state.records_sent);
-        if (kept != *last || waited_for) && self.keep(state, None, kept.clone()) == Some(true) {
-            *last = kept;
+        if (last.as_ref() != Some(&kept) || waited_for) && self.keep(state, None, kept.clone()) == Some(true) {
+            *last = Some(kept);
         }
     }
 

@@ -7,7 +7,7 @@ use super::session::{Closed, Session, Shared};
 use super::supervisor::{Ended, panic_message};
 use socket2::{SockRef, TcpKeepalive};
 use std::io;
-use std::net::{IpAddr, SocketAddr};
+use std::net::{IpAddr, Shutdown, SocketAddr};
 use std::os::fd::{AsFd, OwnedFd};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -57,12 +57,20 @@ impl Listener {
     /// Goes on with a connection that an earlier run of the program left open.
     pub fn resume(&self, link: LinkName, stream: std::net::TcpStream) {
         let resumed = stream.peer_addr().and_then(|address| Ok((address, TcpStream::from_std(stream)?)));
-        let (resumed, place) = match (resumed, Arc::clone(&self.places).try_acquire_owned()) {
+        let place = Arc::clone(&self.places).try_acquire_owned();
+        let ((address, stream), place) = match (resumed, place) {
             (Ok(resumed), Ok(place)) => (resumed, place),
-            (Err(error), _) => return tracing::info!(%link, %error, "a connection of an earlier run has ended"),
-            (Ok(_), Err(_)) => return tracing::warn!(%link, "there is no place for a connection of an earlier run"),
+            (Err(error), _) => {
+                tracing::info!(%link, %error, "a connection of an earlier run has ended");
+                return self.shared.manager.forget_link(link);
+            }
+            (Ok((_, stream)), Err(_)) => {
+                tracing::warn!(%link, "there is no place for a connection of an earlier run");
+                // The service manager's copy would keep it open.
+                let _ = SockRef::from(&stream).shutdown(Shutdown::Both);
+                return self.shared.manager.forget_link(link);
+            }
         };
-        let (address, stream) = resumed;
         let session = Session::new(stream, link.connection, None, Arc::clone(&self.shared));
         let span = tracing::info_span!("session", connection = link.connection, %address);
         keep_session(&self.tracker, &self.shared, link.connection, session.resume(link), place, span);

@@ -224,10 +224,11 @@ impl Running {
         }
     }
 
-    /// An actor whose loop has not come round for `limit`, if there is one.
-    pub fn silent(&self, limit: Duration) -> Option<Actor> {
+    /// An actor for which there is no hope in this process, if there is one: its loop has not come round for `limit`, or it hangs after
+    /// each start.
+    pub fn hopeless(&self, limit: Duration) -> Option<Actor> {
         let pulses = self.pulses.lock().unwrap_or_else(PoisonError::into_inner);
-        pulses.iter().find(|(_, pulse)| pulse.silence() > limit).map(|(actor, _)| *actor)
+        pulses.iter().find(|(_, pulse)| pulse.is_hopeless(limit)).map(|(actor, _)| *actor)
     }
 
     /// Ends the service within 2 s: no further frame, the current one aborted, the last outcome kept. Names what did not end

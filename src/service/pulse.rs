@@ -1,26 +1,36 @@
 //! Pulses: an actor shows that its loop comes round. One that does not is started again, and the program that has one which does not is
-//! not fit to go on: see [`super::Running::silent`].
+//! not fit to go on: see [`super::Running::hopeless`].
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::time::{Instant, Sleep, sleep, sleep_until};
 
 /// An actor's loop comes round at least this often, whatever it waits for.
 const PERIOD: Duration = Duration::from_secs(1);
 
+/// An actor that hung so often, one start after the other, is not helped by another start.
+const HANGS: u32 = 3;
+
 /// The pulse of one actor.
 #[derive(Debug, Clone)]
-pub struct Pulse(Arc<Mutex<Instant>>);
+pub struct Pulse(Arc<Mutex<Beat>>);
+
+#[derive(Debug)]
+struct Beat {
+    last: Instant,
+    /// Times that it hung, one start after the other.
+    hangs: u32,
+}
 
 impl Pulse {
     /// One that beats now for the first time.
     pub fn new() -> Self {
-        Self(Arc::new(Mutex::new(Instant::now())))
+        Self(Arc::new(Mutex::new(Beat { last: Instant::now(), hangs: 0 })))
     }
 
     /// Beats.
     pub fn beat(&self) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
+        self.lock().last = Instant::now();
     }
 
     /// Beats, and ends when the next beat is due: the last branch of an actor's `select!`.
@@ -29,13 +39,28 @@ impl Pulse {
         sleep(PERIOD)
     }
 
+    fn lock(&self) -> MutexGuard<'_, Beat> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn last(&self) -> Instant {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.lock().last
+    }
+
+    /// The actor was given up: it hung, or not.
+    pub fn ended(&self, hung: bool) {
+        let mut beat = self.lock();
+        beat.hangs = if hung { beat.hangs.saturating_add(1) } else { 0 };
     }
 
     /// For how long it has not beaten.
     pub fn silence(&self) -> Duration {
         self.last().elapsed()
+    }
+
+    /// Whether there is no hope for the actor in this process: it has not beaten for `limit`, or hangs after each start.
+    pub fn is_hopeless(&self, limit: Duration) -> bool {
+        self.lock().hangs >= HANGS || self.silence() > limit
     }
 
     /// Ends once it has not beaten for so long.

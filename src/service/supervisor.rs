@@ -46,6 +46,9 @@ impl Backoff {
     }
 }
 
+/// An actor that ran for so many times the time after which it hangs was well.
+const WELL: u32 = 6;
+
 /// What the supervisor knows of an actor.
 pub struct Watched {
     /// Which it is.
@@ -80,6 +83,12 @@ where
         if stop.is_cancelled() {
             return;
         }
+        // One that was well for long before it hung has been helped by its last start.
+        let was_well = began.elapsed() > hangs_after * WELL;
+        if was_well {
+            pulse.ended(false);
+        }
+        pulse.ended(ended.is_none());
         let why = match ended {
             Some(Ok(Ok(()))) => "it came to its end".to_owned(),
             Some(Ok(Err(Ended(why)))) => why,
@@ -119,6 +128,33 @@ mod tests {
     use super::*;
     use crate::service::inbox;
     use std::sync::{Arc, Mutex};
+
+    #[tokio::test(start_paused = true)]
+    async fn an_actor_that_hangs_after_each_start_is_hopeless_and_one_that_hangs_now_and_then_is_not() {
+        let limit = Duration::from_secs(40);
+        for (well_for, hopeless) in [(Duration::ZERO, true), (Duration::from_secs(100), false)] {
+            let (sender, _inbox) = inbox::channel(64);
+            let settings = ServiceSettings { restart_delay_s: 1.0, restart_delay_max_s: 4.0, hang_s: 10.0 };
+            let (pulse, stop) = (Pulse::new(), CancellationToken::new());
+            let hub = hub::Handle::new(sender);
+            let hangs_after = Duration::from_secs(10);
+            let watched = Watched { actor: Actor::Camera, pulse: pulse.clone(), hangs_after, hub, stop: stop.clone() };
+            let start = move |pulse: Pulse| async move {
+                let until = Instant::now() + well_for;
+                while Instant::now() < until {
+                    pulse.rest().await;
+                }
+                std::future::pending().await
+            };
+            let supervised = tokio::spawn(supervise(watched, Backoff::new(&settings), start));
+            tokio::time::sleep(Duration::from_secs(20)).await;
+            assert!(!pulse.is_hopeless(limit), "one hang is none");
+            tokio::time::sleep(Duration::from_secs(1000)).await;
+            assert_eq!(pulse.is_hopeless(limit), hopeless, "well for {well_for:?}");
+            stop.cancel();
+            supervised.abort();
+        }
+    }
 
     #[tokio::test(start_paused = true)]
     async fn an_actor_that_keeps_breaking_or_hangs_is_started_again_with_growing_pauses_each_counted() {

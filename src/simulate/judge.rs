@@ -2,6 +2,7 @@
 
 use crate::sky::{ARCSEC, Attitude, separation, wrap_pi};
 use crate::solve::PointingReport;
+use crate::wire::Equatorial;
 
 /// A solution within this many σ is covered by its own errors: 98.9 % of a sound Gaussian in two dimensions are.
 pub const COVERED_SIGMA: f64 = 3.0;
@@ -41,6 +42,21 @@ impl Judged {
             roll_sigma: pointing.sigma_roll_arcsec?,
             platescale: pointing.platescale_arcsec_px?,
         })
+    }
+
+    /// Compares a pointing as it came over the wire with the truth; `None` where it is incomplete.
+    pub fn served(pointing: &Equatorial, truth: &Attitude) -> Option<Self> {
+        let report = PointingReport {
+            ra_deg: Some(pointing.ra_deg),
+            dec_deg: Some(pointing.dec_deg),
+            roll_deg: Some(pointing.roll_deg),
+            sigma_east_arcsec: Some(pointing.sigma_east_arcsec),
+            sigma_north_arcsec: Some(pointing.sigma_north_arcsec),
+            sigma_roll_arcsec: Some(pointing.sigma_roll_arcsec),
+            platescale_arcsec_px: Some(pointing.platescale_arcsec_px),
+            ..PointingReport::default()
+        };
+        Self::new(&report, truth)
     }
 
     /// Whether the pointing's own errors cover how far it is off.

@@ -4,8 +4,8 @@ use crate::command::{Command, Stage};
 use crate::service::State;
 use crate::simulate::Judged;
 use crate::sky::Attitude;
-use crate::solve::{PointingReport, Reason};
-use crate::wire::{CommandReply, Equatorial, Update};
+use crate::solve::Reason;
+use crate::wire::{CommandReply, Update};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -15,6 +15,8 @@ use tokio::time::Instant;
 pub const POISON_TIMEOUT_S: f64 = 500.0;
 /// See [`POISON_TIMEOUT_S`].
 pub const POISON_COUNTS: i32 = 4000;
+/// Longest time between two updates on a link that stands.
+const LATE: Duration = Duration::from_millis(600);
 /// Truths that are remembered: many more than are ever under way.
 const REMEMBERED: usize = 64;
 /// Bounds of the histogram of the time between two updates, ms.
@@ -134,7 +136,7 @@ impl Account {
                 *count += 1;
             }
             book.longest_gap = book.longest_gap.max(gap);
-            if gap > Duration::from_millis(600) {
+            if gap > LATE {
                 let text = format!("computer {computer}: {gap:?} at uptime {:.1} s", update.link.uptime_s);
                 book.late.push(text);
             }
@@ -153,7 +155,7 @@ impl Account {
             return;
         };
         book.solved += 1;
-        let judged = book.truths.get(&(run, number)).copied().flatten().and_then(|truth| Judged::new(&report(pointing), &truth));
+        let judged = book.truths.get(&(run, number)).copied().flatten().and_then(|truth| Judged::served(pointing, &truth));
         match judged {
             Some(judged) if !judged.is_wrong() => {}
             Some(judged) => {
@@ -233,27 +235,13 @@ impl Book {
     }
 }
 
-/// The wire's pointing as the report has it.
-fn report(pointing: &Equatorial) -> PointingReport {
-    PointingReport {
-        ra_deg: Some(pointing.ra_deg),
-        dec_deg: Some(pointing.dec_deg),
-        roll_deg: Some(pointing.roll_deg),
-        sigma_east_arcsec: Some(pointing.sigma_east_arcsec),
-        sigma_north_arcsec: Some(pointing.sigma_north_arcsec),
-        sigma_roll_arcsec: Some(pointing.sigma_roll_arcsec),
-        platescale_arcsec_px: Some(pointing.platescale_arcsec_px),
-        ..PointingReport::default()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::command::Guard;
     use crate::settings::Settings;
     use crate::sky::DEG;
-    use crate::wire::{Image, Link};
+    use crate::wire::{Equatorial, Image, Link};
 
     fn configured(account: &Account, timeout_s: f64) {
         let mut settings = Settings::flight().unwrap();

@@ -292,8 +292,10 @@ impl Computer {
             self.end(life, given.command.code(), None);
         }
         self.send(link, &Message::Commands(Box::new(block))).await?;
+        if life.sent.len() >= REMEMBERED {
+            life.sent.pop_front();
+        }
         life.sent.push_back(block);
-        life.sent.truncate(REMEMBERED);
         Ok(())
     }
 

@@ -304,7 +304,9 @@ impl Soak {
             }
             _ => {
                 self.handles.iter().for_each(|handle| handle.disturb(until));
-                if let Some(handle) = self.handles.get(fault.computer) {
+                let stands_by = self.handles.iter().find(|handle| !handle.is_in_charge());
+                let of = if fault.class == Class::StandByCommands { stands_by } else { self.handles.get(fault.computer) };
+                if let Some(handle) = of {
                     handle.begin(fault, until);
                 }
             }
