@@ -597,9 +597,10 @@ class Relay:
         new = [reply for reply in update["replies"] if reply["serial"] > self.acknowledged]
         for reply in new:
             self.acknowledged = max(self.acknowledged, reply["serial"])
-            # A block that is refused as a whole is answered with no command's number.
+            # A block that is refused as a whole is answered with no command's number; so is a slot of zeros, for another reason.
+            whole = reply["command"] == 0 and reply["why"] in ("not_authentic", "wrong_boot")
             ours = self.given and reply["flight_computer"] == us and (
-                reply["command"] == 0 or (reply["command"], reply["counter"]) == (self.given["code"], self.given["counter"]))
+                whole or (reply["command"], reply["counter"]) == (self.given["code"], self.given["counter"]))
             if ours:
                 self.given["accepted"] = True
                 if reply["stage"] in ("completed", "rejected", "failed"):

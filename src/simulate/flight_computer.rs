@@ -1,6 +1,6 @@
 //! A simulated flight computer: what it says, from what it knows. The socket is the service room's.
 
-use crate::command::{Act, Command, Key, Slot};
+use crate::command::{Act, Command, Key, Refusal, Slot};
 use crate::sky::{ClockQuality, Observer, Utc};
 use crate::wire::{
     Clock, CommandReply, CommandSlot, Commands, EquatorialEstimate, Hello, HorizontalEstimate, List, ObserverPart, Role, SLOTS,
@@ -26,6 +26,15 @@ pub struct Given {
     /// When the ground gave it, time since this computer's start.
     pub at: Duration,
     accepted: bool,
+}
+
+impl Given {
+    /// Whether a reply to its computer is about it. A block that is refused as a whole is answered with no command's number, and so is
+    /// a slot of zeros, which says nothing of the others: the reason tells the two apart.
+    pub fn is_answered_by(&self, reply: &CommandReply) -> bool {
+        let whole = reply.command == 0 && matches!(reply.why.value(), Some(Refusal::NotAuthentic | Refusal::WrongBoot));
+        whole || (self.command.code(), self.counter) == (reply.command, reply.counter.get())
+    }
 }
 
 /// What it knows of commands.
@@ -140,9 +149,7 @@ impl FlightComputer {
         if self.id != reply.flight_computer {
             return;
         }
-        // A block that is refused as a whole is answered with no command's number.
-        let whole = reply.command == 0;
-        let answered = |given: &Given| whole || (given.command.code(), given.counter) == (reply.command, reply.counter.get());
+        let answered = |given: &Given| given.is_answered_by(reply);
         if reply.stage.get().is_some_and(crate::command::Stage::is_last) {
             relay.given.retain(|given| !answered(given));
         }
@@ -192,6 +199,16 @@ impl FlightComputer {
         };
         relay.blocks = relay.blocks.wrapping_add(1);
         (self.key.as_ref().map_or(block, |key| block.signed(key)), given_up)
+    }
+
+    /// Whether the last update said that it is in charge.
+    pub fn holds_lease(&self) -> bool {
+        self.relay.lease.is_some()
+    }
+
+    /// The commands that are given and have not had their last reply.
+    pub fn given(&self) -> &[Given] {
+        &self.relay.given
     }
 
     /// Takes the next counter of a command for something else than the ground's command, as a computer does that is in disorder.

@@ -237,16 +237,21 @@ impl Computer {
     /// Takes an update, and the replies in it.
     fn take(&self, life: &mut Life, update: &Update, before: Option<Instant>) {
         self.account.update(self.place + 1, update, before);
+        let given = life.machine.given().to_vec();
         for reply in life.machine.on_update(update) {
-            if reply.flight_computer == life.machine.id && reply.stage.get().is_some_and(crate::command::Stage::is_last) {
-                self.end(life, reply.command, Some(&reply));
+            let is_last = reply.stage.get().is_some_and(crate::command::Stage::is_last);
+            if reply.flight_computer == life.machine.id && is_last {
+                given
+                    .iter()
+                    .filter(|given| given.is_answered_by(&reply))
+                    .for_each(|given| self.end(life, &given.command, Some(&reply)));
             }
         }
     }
 
-    /// A command of the ground had its last word. Commands of one kind are under way one at a time.
-    fn end(&self, life: &mut Life, code: u8, last: Option<&CommandReply>) {
-        if let Some(place) = life.under_way.iter().position(|command| code == 0 || command.code() == code) {
+    /// A command had its last word; counted where the ground gave it.
+    fn end(&self, life: &mut Life, given: &Command, last: Option<&CommandReply>) {
+        if let Some(place) = life.under_way.iter().position(|command| command == given) {
             let command = life.under_way.remove(place);
             self.account.end(&command, last, last.is_some() || !self.handle.is_undisturbed());
         }
@@ -284,12 +289,16 @@ impl Computer {
             life.machine.relay(Act::Run, command);
             life.under_way.push(command);
         }
-        if self.struck(Class::StandByCommands).is_some() && !meant {
-            life.machine.relay(Act::Run, poison(&mut life.random));
+        let (mut block, given_up) = life.machine.block(uptime);
+        // Only where it is sure that it stands by: what the holder of a lease says is a command.
+        if !claims && !life.machine.holds_lease() && self.struck(Class::StandByCommands).is_some() {
+            let command = poison(&mut life.random);
+            let counter = life.machine.use_up_counter(command.code(), 1);
+            let slot = CommandSlot::new(&Slot::new(&command, Act::Run, counter, 0.0));
+            (block.slots_count, block.slots) = (1, List::from_slice(&[slot]));
         }
-        let (block, given_up) = life.machine.block(uptime);
         if let Some(given) = given_up {
-            self.end(life, given.command.code(), None);
+            self.end(life, &given.command, None);
         }
         self.send(link, &Message::Commands(Box::new(block))).await?;
         if life.sent.len() >= REMEMBERED {
@@ -392,7 +401,8 @@ fn spoilt(class: Class, life: &mut Life, random: &mut ChaCha8Rng) -> Option<Comm
         }
         Class::CounterAlone => {
             let mut changed = slot(random, 0.0, 1);
-            changed.counter = (changed.counter.get() + 1).into();
+            // The reply to it must not be taken for one to the ground's next command.
+            changed.counter = life.machine.use_up_counter(changed.command, 1).into();
             fill(vec![changed])
         }
         Class::BlockReplayed => *life.sent.get(random.random_range(0..life.sent.len()))?,

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::net::{TcpListener, TcpStream};
-use tokio::task::JoinSet;
+use tokio::task::{JoinHandle, JoinSet};
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
 
 /// What is to be flown.
@@ -123,7 +123,7 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
     let mut words = Tick::ZERO;
     let mut progress = interval(if soak.plan.real { Duration::from_secs(10) } else { Duration::from_secs(3600) });
     progress.set_missed_tick_behavior(MissedTickBehavior::Skip);
-    let mut state = running.state.clone();
+    let mut watcher = soak.watch(&running);
     loop {
         let next = faults.peek().map_or(soak.plan.duration, |fault| fault.at);
         tokio::select! {
@@ -133,19 +133,15 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
                 Some(fault) => {
                     *counts.entry(fault.class).or_default() += 1;
                     if fault.class == Class::ServiceRestarts {
-                        soak.end(running, &mut words).await;
+                        soak.end(running, watcher, &mut words).await;
                         sleep(Duration::from_millis(100)).await;
                         running = soak.start().await?;
-                        state = running.state.clone();
+                        watcher = soak.watch(&running);
                     } else {
                         soak.begin(&fault, &mut tasks);
                     }
                 }
             },
-            Ok(()) = state.changed() => {
-                let now = Arc::clone(&state.borrow_and_update());
-                soak.account.state(&now);
-            }
             _ = progress.tick() => {
                 soak.look_at_the_lens(&mut words);
                 show(&Progress { flown: began.elapsed(), book: soak.account.so_far() });
@@ -155,7 +151,7 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
     // What is under way comes to its end before the books are closed.
     sleep(Duration::from_secs(20)).await;
     tasks.abort_all();
-    soak.end(running, &mut words).await;
+    soak.end(running, watcher, &mut words).await;
     Ok(Report::new(&soak.plan, began.elapsed(), soak.account.so_far(), counts))
 }
 
@@ -200,7 +196,18 @@ impl Soak {
         Ok(running)
     }
 
-    async fn end(&self, running: Running, words: &mut Tick) {
+    /// Watches every state of a run for what takes effect, whatever else is going on.
+    fn watch(&self, running: &Running) -> JoinHandle<()> {
+        let (mut state, account) = (running.state.clone(), self.account.clone());
+        tokio::spawn(async move {
+            while state.changed().await.is_ok() {
+                let now = Arc::clone(&state.borrow_and_update());
+                account.state(&now);
+            }
+        })
+    }
+
+    async fn end(&self, running: Running, watcher: JoinHandle<()>, words: &mut Tick) {
         // What waits for a dead disk would be lost with the run: whoever ends it waits until the disk has it.
         let is_dead = || Path::new(&self.settings.record.directory).is_file();
         if is_dead() {
@@ -214,6 +221,9 @@ impl Soak {
         self.handles.iter().for_each(|handle| handle.disturb(Instant::now() + DISTURBED_AFTER));
         let state = running.state.clone();
         running.stop().await;
+        // It has seen the last state by now, or will see no other.
+        sleep(Duration::from_millis(10)).await;
+        watcher.abort();
         self.account.end_run(&state.borrow());
     }
 
