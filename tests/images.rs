@@ -276,7 +276,7 @@ fn valid_files() -> Vec<(&'static str, Vec<u8>)> {
     let rgb8 = DynamicImage::ImageRgb8(grey16.to_rgb8());
     let frame = Frame::new(40, 30, pattern(40, 30), RowOrder::BottomFirst).unwrap();
     let mut own = Vec::new();
-    write_fits(&frame, &mut own).unwrap();
+    write_fits(&frame, &[], &mut own).unwrap();
     vec![
         ("fits", own),
         ("grey16.tiff", encode(&grey16, ImageFormat::Tiff)),
@@ -393,7 +393,7 @@ proptest! {
     #[test]
     fn a_frame_written_as_fits_is_read_the_same(frame in frames()) {
         let mut file = Vec::new();
-        write_fits(&frame, &mut file).unwrap();
+        write_fits(&frame, &[], &mut file).unwrap();
         prop_assert_eq!(file.len() % 2880, 0);
         let seen = read(&frame.stamp.origin, &file).unwrap();
         prop_assert_eq!(seen.rows, RowOrder::BottomFirst);
@@ -472,7 +472,7 @@ proptest! {
 fn a_frame_that_contradicts_itself_is_not_written() {
     let mut frame = Frame::new(2, 2, vec![0; 4], RowOrder::BottomFirst).unwrap();
     frame.pixels.pop();
-    assert!(write_fits(&frame, &mut Vec::new()).is_err() && write_png(&frame, &mut Vec::new()).is_err());
+    assert!(write_fits(&frame, &[], &mut Vec::new()).is_err() && write_png(&frame, &mut Vec::new()).is_err());
 }
 
 /// Writes frames into the directory `STARS_FITS_OUT`, for `fitsverify` to judge.
@@ -498,7 +498,7 @@ fn frames_are_written_for_fitsverify() {
     };
     for (name, frame) in [("bare.fits", bare), ("full.fits", full)] {
         let mut file = Vec::new();
-        write_fits(&frame, &mut file).unwrap();
+        write_fits(&frame, &[], &mut file).unwrap();
         std::fs::write(directory.join(name), file).unwrap();
     }
 }

@@ -165,7 +165,7 @@ mod tests {
     fn put(there: &TempDir, name: &str, adu: u16) {
         let frame = Frame::new(8, 8, vec![adu; 64], RowOrder::BottomFirst).unwrap();
         let mut bytes = Vec::new();
-        write_fits(&frame, &mut bytes).unwrap();
+        write_fits(&frame, &[], &mut bytes).unwrap();
         fs::write(there.path().join(name), bytes).unwrap();
     }
 

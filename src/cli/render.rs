@@ -133,7 +133,7 @@ impl Args {
 fn write_one(out: &Path, spec: &RenderSpec, catalogue: &Catalogue) -> anyhow::Result<()> {
     let rendered = render(spec, catalogue)?;
     let path = |ending: &str| out.join(format!("{}{ending}", rendered.frame.stamp.origin));
-    write(&path(".fits"), |file| Ok(write_fits(&rendered.frame, file)?))?;
+    write(&path(".fits"), |file| Ok(write_fits(&rendered.frame, &[], file)?))?;
     write(&path(".truth.json"), |file| {
         serde_json::to_writer_pretty(&mut *file, &rendered.truth)?;
         Ok(file.write_all(b"\n")?)

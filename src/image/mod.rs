@@ -2,7 +2,7 @@
 //!
 //! Uses `sky` (times, observer) and `settings`. No disk: readers take bytes, writers take `Write`.
 //!
-//! * [`read()`] a file of any kind into a [`Frame`]; [`write_fits`] and [`write_png`] write one;
+//! * [`read()`] a file of any kind into a [`Frame`]; [`write_fits`] and [`write_png`] write one; [`checksum_holds`] judges one;
 //! * [`series_stem`] and [`time_in_name`] say what a file's name tells; [`coadd()`] adds up a series;
 //! * [`BadPixels`] and [`Mask`] take away what cannot be believed;
 //! * [`CellStatistics`] say how bright, noisy and saturated an image is;
@@ -24,6 +24,7 @@ mod write;
 
 pub use bad_pixels::{BadPixels, BadPixelsError};
 pub use coadd::{CoaddError, MAX_PARTS, coadd};
+pub use fits::{Keyword, KeywordValue, checksum_holds};
 pub use frame::{Frame, ImageCounter, Stamp, TriggerCounter};
 pub use level::{Level, LevelMeter, auto_level, to_grey8};
 pub use mask::{Mask, MaskError};

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use ::image::codecs::png::PngEncoder;
 use ::image::{ExtendedColorType, ImageEncoder};
 
-use super::{Frame, fits};
+use super::{Frame, Keyword, fits};
 use crate::sky::RowOrder;
 
 /// Why a frame could not be written.
@@ -32,9 +32,10 @@ pub enum WriteError {
 /// Writes a frame as FITS (16 bits with BZERO 32768), its bottom row first whatever its own row order.
 ///
 /// The stamp goes into keywords of at most 8 letters with units in their comments; what is not known is left out. Reading
-/// the file gives the same pixels and the same stamp, times to a microsecond; its origin is then the file's name.
-pub fn write_fits(frame: &Frame, out: &mut impl Write) -> Result<(), WriteError> {
-    fits::write(frame, out)
+/// the file gives the same pixels and the same stamp, times to a microsecond; its origin is then the file's name. `keywords` stand
+/// after those of the stamp, and checksums at the end.
+pub fn write_fits(frame: &Frame, keywords: &[Keyword], out: &mut impl Write) -> Result<(), WriteError> {
+    fits::write(frame, keywords, out)
 }
 
 /// Writes a frame as a grey PNG of 16 bits, its top row first whatever its own row order. The stamp is not kept.

@@ -75,6 +75,15 @@ impl Pose {
         Some(self.through_lens(u, v, half_diagonal_px).0)
     }
 
+    /// Gnomonic offsets, px, that the lens puts at these: by fixed point, each step gains two digits.
+    pub fn without_lens(&self, left: f64, up: f64, half_diagonal_px: f64) -> (f64, f64) {
+        const STEPS: usize = 8;
+        (0..STEPS).fold((left, up), |(u, v), _| {
+            let ((x, y), _) = self.through_lens(u, v, half_diagonal_px);
+            (u + left - x, v + up - y)
+        })
+    }
+
     /// Where the lens puts gnomonic offsets, px; and their distance from its axis, which the distortion is in proportion to.
     #[inline]
     fn through_lens(&self, u: f64, v: f64, half_diagonal_px: f64) -> ((f64, f64), (f64, f64)) {

@@ -24,6 +24,7 @@ mod solver;
 mod track;
 mod tracked;
 mod verify;
+mod wcs;
 
 pub use cause::Blur;
 pub use fit::{FitPrior, Pose};
@@ -40,6 +41,7 @@ pub use served::Served;
 pub use solver::Solver;
 pub use track::{AttitudePrior, LensPrior, Region, Spread, Tracker};
 pub use verify::{Assigned, FrameGeometry, Hypothesis, PatternSource};
+pub use wcs::keywords;
 
 use std::time::Duration;
 

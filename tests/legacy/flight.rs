@@ -30,7 +30,7 @@ fn compile(into: &Path) -> String {
 fn image(directory: &Path) -> Attitude {
     let rendered = render(&RenderSpec::new(Kind::Float, 5, 0), &Catalogue::embedded().unwrap()).unwrap();
     let mut bytes = Vec::new();
-    write_fits(&rendered.frame, &mut bytes).unwrap();
+    write_fits(&rendered.frame, &[], &mut bytes).unwrap();
     std::fs::write(directory.join("a.fits"), bytes).unwrap();
     rendered.truth.attitude.unwrap()
 }

@@ -34,7 +34,7 @@ async fn service_on_a_directory(directory: &std::path::Path) -> (Running, Attitu
     let spec = RenderSpec::new(Kind::Float, 5, 0);
     let rendered = render(&spec, &Catalogue::embedded().unwrap()).unwrap();
     let mut bytes = Vec::new();
-    write_fits(&rendered.frame, &mut bytes).unwrap();
+    write_fits(&rendered.frame, &[], &mut bytes).unwrap();
     std::fs::write(directory.join("b.fits"), &bytes).unwrap();
     std::fs::write(directory.join("a.fits"), &bytes[..bytes.len() / 2]).unwrap();
     let mut settings = settings();

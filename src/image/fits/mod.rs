@@ -4,6 +4,7 @@
 //! replayed file may be cut or lie: every size that a header claims is compared with the bytes there are before anything
 //! is allocated. Long keywords (`HIERARCH`) are read, for the flight's files, and never written.
 
+mod checksum;
 mod header;
 mod pixels;
 mod stamp;
@@ -11,6 +12,7 @@ mod write;
 
 use header::Header;
 pub(super) use write::write;
+pub use write::{Keyword, KeywordValue};
 
 use super::Frame;
 use super::read::Problem;
@@ -34,4 +36,11 @@ pub(super) fn read(bytes: &[u8]) -> Result<Frame, Problem> {
     frame.full_scale = full_scale.or(layout.full_scale());
     frame.stamp = stamp::from_header(&header);
     Ok(frame)
+}
+
+/// Whether the checksums of a file of one header and data hold; `None` where it has none.
+pub fn checksum_holds(bytes: &[u8]) -> Option<bool> {
+    let (header, _) = Header::parse(bytes).ok()?;
+    header.text("CHECKSUM")?;
+    Some(checksum::hold(bytes))
 }
