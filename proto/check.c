@@ -1586,6 +1586,46 @@ static void print_update(const stars_update_t *m)
     {
         printf("%lu", (unsigned long)m->restarts_housekeeping);
     }
+    printf(", \"restarts_archive\": ");
+    {
+        printf("%lu", (unsigned long)m->restarts_archive);
+    }
+    printf(", \"shed\": ");
+    {
+        print_code(m->shed, (const char *const[]){"nothing", "display", "images", "solving"});
+    }
+    printf(", \"images_kept\": ");
+    {
+        printf("%lu", (unsigned long)m->images_kept);
+    }
+    printf(", \"images_lost\": ");
+    {
+        printf("%lu", (unsigned long)m->images_lost);
+    }
+    printf(", \"images_thinned\": ");
+    {
+        printf("%lu", (unsigned long)m->images_thinned);
+    }
+    printf(", \"images_disk_errors\": ");
+    {
+        printf("%lu", (unsigned long)m->images_disk_errors);
+    }
+    printf(", \"copies_kept\": ");
+    {
+        printf("%lu", (unsigned long)m->copies_kept);
+    }
+    printf(", \"copies_lost\": ");
+    {
+        printf("%lu", (unsigned long)m->copies_lost);
+    }
+    printf(", \"copies_thinned\": ");
+    {
+        printf("%lu", (unsigned long)m->copies_thinned);
+    }
+    printf(", \"copies_disk_errors\": ");
+    {
+        printf("%lu", (unsigned long)m->copies_disk_errors);
+    }
     printf(", \"last_restart_known\": ");
     {
         printf(m->last_restart_known ? "true" : "false");
@@ -1595,7 +1635,7 @@ static void print_update(const stars_update_t *m)
         printf("null");
     else
     {
-        print_code(m->last_restart, (const char *const[]){"camera", "lens", "solver", "hub", "recorder", "ledger", "listener", "session", "housekeeping", "legacy_listener"});
+        print_code(m->last_restart, (const char *const[]){"camera", "lens", "solver", "hub", "recorder", "ledger", "listener", "session", "housekeeping", "legacy_listener", "archive"});
     }
     printf(", \"last_restart_reason\": ");
     {

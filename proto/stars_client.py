@@ -61,7 +61,9 @@ CODES = {
     "mode": ["normal", "robust"],
     "last_end": ["clean", "commanded", "crashed", "computer_restarted"],
     "found": ["nothing", "whole", "one_copy", "damaged"],
-    "actor": ["camera", "lens", "solver", "hub", "recorder", "ledger", "listener", "session", "housekeeping", "legacy_listener"],
+    "actor": ["camera", "lens", "solver", "hub", "recorder", "ledger", "listener", "session", "housekeeping", "legacy_listener",
+              "archive"],
+    "shed": ["nothing", "display", "images", "solving"],
 }
 
 # One field a line: its name and what it is, as a letter of `struct` (`96s` is text, `3x3d` an array, `B=list` a code of
@@ -304,6 +306,16 @@ LAYOUTS = {
         restarts_lens I
         restarts_ledger I
         restarts_housekeeping I
+        restarts_archive I
+        shed B=shed
+        images_kept I
+        images_lost I
+        images_thinned I
+        images_disk_errors I
+        copies_kept I
+        copies_lost I
+        copies_thinned I
+        copies_disk_errors I
         last_restart ?B=actor
         last_restart_reason 64s
         last_restart_age_s ?d

@@ -27,7 +27,7 @@
 #define STARS_PORT 2017
 #define STARS_VERSION_MIN 1
 #define STARS_VERSION_CURRENT 2
-#define STARS_SCHEMA_HASH UINT32_C(0x04fc5a36)
+#define STARS_SCHEMA_HASH UINT32_C(0xc1f9b607)
 #define STARS_SYNC UINT32_C(0x1dfccf1a)
 #define STARS_MAX_FRAME 65536
 
@@ -195,6 +195,14 @@ enum {
     STARS_KEPT_AT_START_DAMAGED = 4,
 };
 
+/* Codes of `shed`; 0 is never valid. */
+enum {
+    STARS_SHED_NOTHING = 1,
+    STARS_SHED_DISPLAY = 2,
+    STARS_SHED_IMAGES = 3,
+    STARS_SHED_SOLVING = 4,
+};
+
 /* Codes of `last_restart`; 0 is never valid. */
 enum {
     STARS_LAST_RESTART_CAMERA = 1,
@@ -207,6 +215,7 @@ enum {
     STARS_LAST_RESTART_SESSION = 8,
     STARS_LAST_RESTART_HOUSEKEEPING = 9,
     STARS_LAST_RESTART_LEGACY_LISTENER = 10,
+    STARS_LAST_RESTART_ARCHIVE = 11,
 };
 
 /* What to do with a command. */
@@ -630,13 +639,23 @@ typedef struct STARS_PACKED {
     uint32_t restarts_lens; /* Times that the lens's actor was started again. */
     uint32_t restarts_ledger; /* Times that the ledger was started again. */
     uint32_t restarts_housekeeping; /* Times that the housekeeping was started again. */
+    uint32_t restarts_archive; /* Times that an archive of images was started again. */
+    uint8_t shed; /* What is left undone for want of time. */
+    uint32_t images_kept; /* Images kept on disk since the start. */
+    uint32_t images_lost; /* Images that could not be kept there. */
+    uint32_t images_thinned; /* Images kept earlier that went to make room. */
+    uint32_t images_disk_errors; /* Times that this disk refused an image. */
+    uint32_t copies_kept; /* The same of the second disk, where there is one: images kept. */
+    uint32_t copies_lost; /* Images that could not be kept there. */
+    uint32_t copies_thinned; /* Images kept earlier that went to make room. */
+    uint32_t copies_disk_errors; /* Times that this disk refused an image. */
     uint8_t last_restart_known; /* Whether `last_restart` is known. */
     uint8_t last_restart; /* The part of the service that was started again last. */
     char last_restart_reason[64]; /* Why it had ended, cut where it is longer; empty where nothing was started again. */
     uint8_t last_restart_age_s_known; /* Whether `last_restart_age_s` is known. */
     double last_restart_age_s; /* Time since then. [s] */
 } stars_update_t;
-STARS_ASSERT(sizeof(stars_update_t) == 4537, "stars_update_t");
+STARS_ASSERT(sizeof(stars_update_t) == 4574, "stars_update_t");
 STARS_ASSERT(offsetof(stars_update_t, sequence) == 0, "stars_update_t.sequence");
 STARS_ASSERT(offsetof(stars_update_t, boot_id) == 4, "stars_update_t.boot_id");
 STARS_ASSERT(offsetof(stars_update_t, uptime_s) == 8, "stars_update_t.uptime_s");
@@ -859,11 +878,21 @@ STARS_ASSERT(offsetof(stars_update_t, kept_at_start) == 4449, "stars_update_t.ke
 STARS_ASSERT(offsetof(stars_update_t, restarts_lens) == 4450, "stars_update_t.restarts_lens");
 STARS_ASSERT(offsetof(stars_update_t, restarts_ledger) == 4454, "stars_update_t.restarts_ledger");
 STARS_ASSERT(offsetof(stars_update_t, restarts_housekeeping) == 4458, "stars_update_t.restarts_housekeeping");
-STARS_ASSERT(offsetof(stars_update_t, last_restart_known) == 4462, "stars_update_t.last_restart_known");
-STARS_ASSERT(offsetof(stars_update_t, last_restart) == 4463, "stars_update_t.last_restart");
-STARS_ASSERT(offsetof(stars_update_t, last_restart_reason) == 4464, "stars_update_t.last_restart_reason");
-STARS_ASSERT(offsetof(stars_update_t, last_restart_age_s_known) == 4528, "stars_update_t.last_restart_age_s_known");
-STARS_ASSERT(offsetof(stars_update_t, last_restart_age_s) == 4529, "stars_update_t.last_restart_age_s");
+STARS_ASSERT(offsetof(stars_update_t, restarts_archive) == 4462, "stars_update_t.restarts_archive");
+STARS_ASSERT(offsetof(stars_update_t, shed) == 4466, "stars_update_t.shed");
+STARS_ASSERT(offsetof(stars_update_t, images_kept) == 4467, "stars_update_t.images_kept");
+STARS_ASSERT(offsetof(stars_update_t, images_lost) == 4471, "stars_update_t.images_lost");
+STARS_ASSERT(offsetof(stars_update_t, images_thinned) == 4475, "stars_update_t.images_thinned");
+STARS_ASSERT(offsetof(stars_update_t, images_disk_errors) == 4479, "stars_update_t.images_disk_errors");
+STARS_ASSERT(offsetof(stars_update_t, copies_kept) == 4483, "stars_update_t.copies_kept");
+STARS_ASSERT(offsetof(stars_update_t, copies_lost) == 4487, "stars_update_t.copies_lost");
+STARS_ASSERT(offsetof(stars_update_t, copies_thinned) == 4491, "stars_update_t.copies_thinned");
+STARS_ASSERT(offsetof(stars_update_t, copies_disk_errors) == 4495, "stars_update_t.copies_disk_errors");
+STARS_ASSERT(offsetof(stars_update_t, last_restart_known) == 4499, "stars_update_t.last_restart_known");
+STARS_ASSERT(offsetof(stars_update_t, last_restart) == 4500, "stars_update_t.last_restart");
+STARS_ASSERT(offsetof(stars_update_t, last_restart_reason) == 4501, "stars_update_t.last_restart_reason");
+STARS_ASSERT(offsetof(stars_update_t, last_restart_age_s_known) == 4565, "stars_update_t.last_restart_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, last_restart_age_s) == 4566, "stars_update_t.last_restart_age_s");
 
 /* One exposure of a series. */
 typedef struct STARS_PACKED {

@@ -14,8 +14,8 @@ use tokio::signal::unix::{SignalKind, signal};
 
 /// Threads for what waits. The work is done on the blocking pool.
 const WORKERS: usize = 2;
-/// Threads of the blocking pool: camera, solver, recorder, ledger and each of eight sensors need one; the others are for those that
-/// hang.
+/// Threads of the blocking pool: camera, solver, recorder, ledger, two archives and each of eight sensors need one; camera and solver may
+/// leave two each behind that hang.
 const BLOCKING: usize = 24;
 
 /// Updates that still go out after a command to end.

@@ -15,7 +15,7 @@ use crate::solve::{Outcome, PointingReport, Prior, Reason, Solver, Unwatched};
 use std::io::Write;
 use std::net::TcpListener;
 use std::os::unix::fs::FileTypeExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
@@ -223,7 +223,7 @@ fn commands(settings: &Settings) -> Verdict {
     if commands.ledger_directory.is_empty() {
         return Verdict::Note(format!("{keys}; nothing outlasts a restart (commands.ledger_directory is empty)"));
     }
-    let taken = takes_files("commands.ledger_directory", &commands.ledger_directory);
+    let taken = takes_files("commands.ledger_directory", Path::new(&commands.ledger_directory));
     taken.map(|words| format!("{keys}; what outlasts a restart: {words}")).into()
 }
 
@@ -265,13 +265,17 @@ fn disk(settings: &Settings) -> Verdict {
     if !settings.record.enabled {
         return Verdict::Note("record.enabled = false: outcomes are not kept".to_owned());
     }
-    takes_files("record.directory", &settings.record.directory).into()
+    let log = ("record.directory", PathBuf::from(&settings.record.directory));
+    let directories = std::iter::once(log).chain(settings.record.image_directories());
+    let taken: Result<Vec<String>, String> = directories.map(|(setting, directory)| takes_files(setting, &directory)).collect();
+    taken.map(|words| words.join(", ")).into()
 }
 
 /// Whether a directory takes a file; it is made if it is not there.
-fn takes_files(setting: &str, name: &str) -> Result<String, String> {
-    let probe = Path::new(name).join(format!(".selftest-{}", std::process::id()));
-    let written = std::fs::create_dir_all(name).and_then(|()| {
+fn takes_files(setting: &str, directory: &Path) -> Result<String, String> {
+    let name = directory.display();
+    let probe = directory.join(format!(".selftest-{}", std::process::id()));
+    let written = std::fs::create_dir_all(directory).and_then(|()| {
         let mut file = std::fs::File::create(&probe)?;
         file.write_all(&[0x55; 4096])?;
         file.sync_all()

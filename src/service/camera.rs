@@ -1,12 +1,14 @@
 //! The camera's actor: asks the source for a frame on its schedule, stamps it, and hands it to the solver.
 
+use super::archive::{self, ToArchive};
 use super::clock::Clock;
 use super::hub::{self, ToHub};
 use super::inbox::Inbox;
+use super::left_behind::LeftBehind;
 use super::orders::NOBODY;
 use super::pulse::Pulse;
 use super::solver::{self, Captured};
-use super::state::{CameraState, Finished, State};
+use super::state::{CameraState, Disk, Finished, ImageNews, Shed, State};
 use super::supervisor::{Ended, panic_message, panic_text};
 use crate::camera::{CameraError, Moment, Source};
 use crate::command::OrderNumber;
@@ -43,10 +45,14 @@ pub struct CameraActor {
     pub make: MakeSource,
     /// Where frames go.
     pub solver: solver::Handle,
+    /// Where frames are kept.
+    pub archives: Vec<(Disk, archive::Handle)>,
     /// Whom to tell of frames, and of images that were none.
     pub hub: hub::Handle,
     /// The number of the next image; it outlives the actor, so that no number is given twice.
     pub numbers: Arc<AtomicU32>,
+    /// The jobs that its driver has not ended.
+    pub left_behind: LeftBehind,
     /// The newest state, for what is known of the pointing at a capture.
     pub state: watch::Receiver<Arc<State>>,
     /// What it is asked for besides frames.
@@ -58,6 +64,9 @@ pub struct CameraActor {
     /// When to end.
     pub stop: CancellationToken,
 }
+
+/// Why a camera is not asked any more.
+const HANGS: &str = "its driver hangs, time after time";
 
 /// What the blocking pool gives back: the source for the next time, and the frame.
 struct Shot {
@@ -81,7 +90,10 @@ impl CameraActor {
                 biased;
                 () = self.stop.cancelled() => return Ok(()),
                 Some(request) = inbox.recv() => source = self.answer(source.take(), request).await?,
-                _ = schedule.tick() => source = self.take_one(source.take()).await?,
+                _ = schedule.tick() => {
+                    pulse.give_up(self.left_behind.too_many());
+                    source = self.take_one(source.take()).await?;
+                }
                 () = pulse.rest() => {}
             }
         }
@@ -94,7 +106,9 @@ impl CameraActor {
             ToCamera::GetGain(number) => (number, None),
             ToCamera::SetGain(number, gain_db) => (number, Some(gain_db)),
         };
+        let running = self.left_behind.start();
         let job = tokio::task::spawn_blocking(move || {
+            let Some(_running) = running else { return (None, Err(HANGS.to_owned())) };
             let mut source = match source.map_or_else(|| make(), Ok) {
                 Ok(source) => source,
                 Err(why) => return (None, Err(why)),
@@ -119,7 +133,11 @@ impl CameraActor {
         let make = Arc::clone(&self.make);
         let (utc, quality) = self.clock.utc();
         let moment = Moment { image, uptime, utc, quality };
-        let job = tokio::task::spawn_blocking(move || shoot(source, &make, &moment));
+        let running = self.left_behind.start();
+        let job = tokio::task::spawn_blocking(move || match running {
+            Some(_running) => shoot(source, &make, &moment),
+            None => Shot { source, gain_db: None, frame: Err(CameraError::Unavailable(HANGS.to_owned())) },
+        });
         let Some(shot) = self.stop.run_until_cancelled(job).await else { return Ok(None) };
         let Shot { source, gain_db, frame } = shot.map_err(|error| Ended(panic_message(error)))?;
         if let Some(gain_db) = gain_db {
@@ -131,7 +149,9 @@ impl CameraActor {
                 self.note_instrument(&state, &mut frame.stamp);
                 self.tell(&state, CameraState::Working).await;
                 let prior = state.prior(at, &state.settings.observer);
-                let captured = Captured { frame: Arc::new(frame), at, prior };
+                let frame = Arc::new(frame);
+                self.keep(&state, &frame).await;
+                let captured = Captured { frame, at, prior };
                 self.solver.send(captured).await.map_err(|_| Ended("the solver's inbox is gone".to_owned()))?;
             }
             Err(CameraError::Unreadable { origin, problem }) => {
@@ -144,6 +164,16 @@ impl CameraActor {
             Err(none) => self.tell(&state, CameraState::Unavailable(none.to_string())).await,
         }
         Ok(source)
+    }
+
+    /// Hands a frame to those who keep it; one for which there is no room, or no time, is lost there, and solved all the same.
+    async fn keep(&self, state: &State, frame: &Arc<Frame>) {
+        for (disk, archive) in &self.archives {
+            let shed = state.strain.shed() >= Shed::Images;
+            if shed || archive.try_send(ToArchive::Frame(Arc::clone(frame))).is_err() {
+                self.hub.tell(ToHub::Image(*disk, ImageNews::Lost)).await;
+            }
+        }
     }
 
     /// Stamps a frame with the gain, and with where the lens stood for all of it; nothing where that is not known, or it moved.

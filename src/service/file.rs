@@ -61,6 +61,17 @@ pub fn read_file(path: &Path, limit: usize, expected: &'static str) -> Result<Ve
     if bytes.len() > limit { Err(too_long()) } else { Ok(bytes) }
 }
 
+/// Free space of the disk that a directory is on, or will be on once it is made, for a program without privileges, bytes.
+///
+/// # Errors
+/// Of the disk.
+pub fn free_bytes(directory: &Path) -> io::Result<u64> {
+    let there = directory.ancestors().find(|path| path.exists()).filter(|path| !path.as_os_str().is_empty());
+    let there = there.unwrap_or(if directory.is_absolute() { Path::new("/") } else { Path::new(".") });
+    let disk = rustix::fs::statvfs(there)?;
+    Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

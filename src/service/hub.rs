@@ -1,179 +1,30 @@
 //! The hub: the one owner of what is true now. It takes what the others tell, and publishes an immutable [`State`].
 
+use super::archive::{self, ToArchive};
 use super::camera;
 use super::clock::Clock;
 use super::focus::Focus;
-use super::housekeeping::Measurements;
 use super::inbox::Inbox;
 use super::kept::{self, Kept};
 use super::ledger::{self, Keep};
 use super::lens;
 use super::pulse::Pulse;
 use super::recorder;
-use super::session::Closed;
-use super::state::{Actor, CameraState, Finished, Peer, Readiness, Restart, Settling, State};
+use super::state::{Finished, Peer, Readiness, Restart, Settling, State};
 use super::supervisor::Ended;
+pub use super::told::{Handle, ToHub};
 use crate::command::{
     Authenticity, BootId, Decision, Event, FlightComputer, OrderNumber, Refusal, Sender, Situation, Stage, Step, Tick, Verdict,
 };
-use crate::image::ImageCounter;
-use crate::lens::{LensResult, LensState, RequestCounter, autofocus};
+use crate::lens::autofocus;
 use crate::settings::Settings;
 use crate::solve::Reason;
-use crate::wire::{Commands, Status, legacy};
+use crate::wire::{Commands, Status};
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{mpsc, watch};
+use tokio::sync::watch;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
-
-/// What the hub is told.
-#[derive(Debug)]
-pub enum ToHub {
-    /// The camera gave a frame, or an image that could not be read; the next will have this number.
-    Captured {
-        /// Number of the next image.
-        next: ImageCounter,
-    },
-    /// What the camera does now.
-    Camera(CameraState),
-    /// Whether frames can be solved.
-    Readiness(Readiness),
-    /// The frame that is being solved.
-    Solving(Option<ImageCounter>),
-    /// A frame ended in its outcome.
-    Finished(Box<Finished>),
-    /// A flight computer connected.
-    Connected {
-        /// Who.
-        computer: FlightComputer,
-        /// The number of the connection.
-        connection: u64,
-        /// The boot that its hello names.
-        boot: BootId,
-    },
-    /// A flight computer sent its status.
-    Status {
-        /// Who.
-        computer: FlightComputer,
-        /// The number of the connection.
-        connection: u64,
-        /// What it says.
-        status: Box<Status>,
-        /// When it came.
-        at: Instant,
-        /// Whether it shows that our updates arrive there.
-        hears_us: bool,
-    },
-    /// A flight computer sent a block of commands.
-    Commands {
-        /// Who.
-        computer: FlightComputer,
-        /// The number of the connection.
-        connection: u64,
-        /// What it says.
-        block: Box<Commands>,
-        /// How long it can have been on its way.
-        delay: Duration,
-        /// Whether it shows the key.
-        authenticity: Authenticity,
-    },
-    /// A flight computer that speaks the legacy dialect connected.
-    LegacyConnected {
-        /// Who.
-        computer: FlightComputer,
-        /// The number of the connection.
-        connection: u64,
-    },
-    /// It sent a block.
-    LegacyBlock {
-        /// Who.
-        computer: FlightComputer,
-        /// The number of the connection.
-        connection: u64,
-        /// What it says.
-        block: Box<legacy::Block>,
-        /// When it came.
-        at: Instant,
-    },
-    /// What is kept, the counter of an order in it, is on disk, or could not be brought there.
-    Kept {
-        /// The order, where one waited for it.
-        number: Option<OrderNumber>,
-        /// The number of the record.
-        record: u64,
-        /// The problem, where there was one.
-        kept: Result<(), String>,
-    },
-    /// A program that an order ran has ended.
-    Program {
-        /// The order.
-        number: OrderNumber,
-        /// The problem, where there was one.
-        result: Result<(), String>,
-    },
-    /// What came of a request for the camera's gain, dB.
-    Gain {
-        /// The order.
-        number: OrderNumber,
-        /// The gain, or why it is not known.
-        result: Result<f64, String>,
-    },
-    /// A connection ended.
-    Closed {
-        /// The number of the connection.
-        connection: u64,
-        /// Why.
-        why: Closed,
-    },
-    /// An outcome is on disk.
-    Recorded,
-    /// An outcome could not be kept.
-    RecordLost,
-    /// The disk refused.
-    DiskError,
-    /// What is known of the lens now.
-    Lens(Box<LensState>),
-    /// How far a request to the lens has come.
-    LensResult {
-        /// The number of the request.
-        counter: RequestCounter,
-        /// How far.
-        result: LensResult,
-    },
-    /// What was measured last.
-    Measured(Box<Measurements>),
-    /// An actor was started again.
-    Restarted {
-        /// Which.
-        actor: Actor,
-        /// Why it had ended.
-        why: String,
-    },
-}
-
-/// Tells the hub things.
-#[derive(Debug, Clone)]
-pub struct Handle(mpsc::Sender<ToHub>);
-
-impl Handle {
-    /// A handle on the sending end of the hub's inbox.
-    pub fn new(sender: mpsc::Sender<ToHub>) -> Self {
-        Self(sender)
-    }
-
-    /// Tells the hub, waiting for room. Without a hub, which is only at the very end, nobody is left to be told.
-    pub async fn tell(&self, message: ToHub) {
-        let _ = self.0.send(message).await;
-    }
-
-    /// Tells the hub if there is room.
-    pub fn try_tell(&self, message: ToHub) {
-        if let Err(error) = self.0.try_send(message) {
-            tracing::warn!(%error, "the hub was not told");
-        }
-    }
-}
 
 /// The hub's actor.
 #[derive(Clone)]
@@ -184,6 +35,8 @@ pub struct Hub {
     pub state: Arc<watch::Sender<Arc<State>>>,
     /// Where outcomes go to be kept; `None` where they are not.
     pub recorder: Option<recorder::Handle>,
+    /// Where outcomes go that belong to images which are kept.
+    pub archives: Vec<archive::Handle>,
     /// The time that the arbitration counts in.
     pub clock: Clock,
     /// Where what outlasts a restart is kept; `None` where it is not.
@@ -220,6 +73,7 @@ impl Hub {
                 () = sleep_until(lapse) => self.arbitrate(&mut state, Event::Time, Instant::now()),
                 () = sleep_until(state.lull_ends()) => self.reset_after_lull(&mut state),
                 () = sleep_until(order) => state.desk.expire(self.clock.uptime()),
+                () = sleep_until(state.strain.deadline()) => state.strain.calm(Instant::now()),
                 () = sleep_until(focus) => self.tell_focus(&mut state, autofocus::Event::Time),
                 () = self.stop.cancelled() => return Ok(()),
                 () = pulse.rest() => continue,
@@ -316,6 +170,8 @@ impl Hub {
             ToHub::Recorded => counters.records_written = counters.records_written.saturating_add(1),
             ToHub::RecordLost => counters.records_lost = counters.records_lost.saturating_add(1),
             ToHub::DiskError => counters.disk_errors = counters.disk_errors.saturating_add(1),
+            ToHub::Image(disk, news) => counters.images.entry(disk).or_default().count(news),
+            ToHub::Late => state.strain.sign(Instant::now()),
             ToHub::Lens(lens) => {
                 state.lens = Arc::from(lens);
                 self.tell_rest(state);
@@ -350,6 +206,10 @@ impl Hub {
             && recorder.try_send(Arc::clone(&finished)).is_err()
         {
             counters.records_lost = counters.records_lost.saturating_add(1);
+        }
+        for archive in &self.archives {
+            // Where there is no room for it now, the image is kept without its outcome.
+            let _ = archive.try_send(ToArchive::Outcome(Arc::clone(&finished)));
         }
         self.show_focus(state, &finished);
         if finished.outcome.reason != Reason::Skipped {
@@ -522,10 +382,13 @@ fn log_outcome(finished: &Finished) {
 mod tests {
     use super::*;
     use crate::command::Guard;
+    use crate::image::ImageCounter;
     use crate::image::Stamp;
     use crate::service::inbox;
+    use crate::service::session::Closed;
     use crate::solve::Outcome;
     use std::time::Duration;
+    use tokio::sync::mpsc;
 
     fn hub(own: mpsc::Sender<ToHub>, inbox: Inbox<ToHub>) -> (Hub, watch::Receiver<Arc<State>>) {
         let settings = Arc::new(Settings::flight().unwrap());
@@ -534,6 +397,7 @@ mod tests {
             inbox,
             state: Arc::new(publish),
             recorder: None,
+            archives: Vec::new(),
             clock: Clock::start(),
             ledger: None,
             camera: None,

@@ -17,13 +17,17 @@
 //! | hub → camera | requests for its gain | 4 | the command fails as `busy` |
 //! | hub → ledger | what outlasts a restart | 32 | a command that waits for it fails as `not_kept`; all else is sent again |
 //! | ledger, programs → hub | what was kept, what came of it | 64, shared | the sender waits |
+//! | camera, hub → archive | frames, outcomes | 64 | the frame is counted as lost there, and solved all the same; without its outcome it is kept all the same; the archive always takes: beyond `record.queue_images` the oldest is lost and counted |
 //! | hub → recorder | outcomes | 64 | counted as lost; the recorder always takes: beyond `record.queue_frames` the oldest is lost and counted |
 //! | hub → everybody | [`State`] | the newest | replaced |
 //! | session, legacy session → TCP | updates, answers | 32 KiB of the kernel | the session waits up to `network.silence_s`, skipping its ticks, then closes |
 //!
 //! No channel leads in a circle of waiting: the hub never waits for a send. [`Running::stop`] ends the edges first, then the
-//! solver, the hub and the recorder, so that the last outcome still reaches the disk.
+//! solver, the hub, and then recorder and archives, so that the last outcome and the last image still reach the disk.
+//!
+//! A computer that is too slow for all of this leaves the least of it undone, in a stated order, and never the updates: see [`Shed`].
 
+mod archive;
 mod camera;
 mod clock;
 mod codec;
@@ -37,6 +41,7 @@ mod index;
 mod kept;
 mod keys;
 mod ledger;
+mod left_behind;
 mod legacy;
 mod lens;
 mod listener;
@@ -49,7 +54,10 @@ mod runs;
 mod session;
 mod solver;
 mod state;
+mod store;
+mod strain;
 mod supervisor;
+mod told;
 mod twin;
 mod update;
 
@@ -67,18 +75,23 @@ pub use parts::{Parts, PartsError, Stars, load_bad_pixels, load_catalogue, simul
 pub use runs::Run;
 pub use session::Closed;
 pub use solver::{MakeSolver, Solve};
-pub use state::{Actor, CameraState, Counters, Ending, Finished, Found, Peer, Readiness, Restart, Simulated, State};
+pub use state::{
+    Actor, CameraState, Counters, Disk, Ending, Finished, Found, ImageCounters, Peer, Readiness, Restart, Shed, Simulated, State,
+};
+pub use strain::Strain;
 
 use crate::command::{Desk, Guard, InCharge, UNDER_WAY};
 use crate::lens::Rules;
 use crate::settings::Settings;
 use crate::wire::{Hello, Role};
+use archive::Archive;
 use camera::CameraActor;
 use focus::Focus;
 use housekeeping::Housekeeper;
 use hub::Hub;
 use kept::Kept;
 use ledger::{Ledger, LedgerActor};
+use left_behind::LeftBehind;
 use legacy::LegacyListener;
 use lens::LensActor;
 use listener::Listener;
@@ -92,6 +105,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU32, AtomicU64};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
+use store::StoreRules;
 use supervisor::{Backoff, Ended, Watched, supervise};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
@@ -108,6 +122,8 @@ const SOLVER_INBOX: usize = 2;
 const CAMERA_INBOX: usize = 4;
 /// Outcomes that may wait for the recorder's actor, which takes them at once.
 const RECORDER_INBOX: usize = 64;
+/// Frames and outcomes that may wait for an archive's actor, which takes them at once.
+const ARCHIVE_INBOX: usize = 64;
 /// Requests that may wait for the lens's actor, which takes them at once.
 const LENS_INBOX: usize = 32;
 /// Time that each stage gets to end: four of them stay under 2 s.
@@ -336,12 +352,14 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
     let ledger = ledger.map(|ledger| watchman.keep_ledger(&keeping, ledger));
     let to_lens = watchman.keep_lens(&edges, lens.as_ref());
     let to_solver = watchman.keep_solver(&solving, parts.solver, abort);
-    let camera = parts.camera.map(|make| watchman.keep_camera(&edges, make, to_solver));
+    let archives = watchman.keep_archives(&keeping);
+    let camera = parts.camera.map(|make| watchman.keep_camera(&edges, make, to_solver, archives.clone()));
     watchman.keep_housekeeping(&edges);
     let owner = Hub {
         inbox: hub_inbox,
         state: Arc::new(publish),
         recorder,
+        archives: archives.into_iter().map(|(_, archive)| archive).collect(),
         clock,
         ledger,
         camera,
@@ -373,7 +391,7 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
     let listener = Listener { socket: Arc::new(socket), allowed, places, next, shared, tracker };
     links.into_iter().for_each(|(link, stream)| listener.resume(link, stream));
     watchman.open_doors(&edges, &listener, legacy.as_ref());
-    let stages = [("camera or connections", edges), ("solver", solving), ("hub", owning), ("recorder", keeping)];
+    let stages = [("camera or connections", edges), ("solver", solving), ("hub", owning), ("recorder or archive", keeping)];
     let legacy_address = legacy.as_ref().and_then(LegacyListener::address);
     Ok(Running {
         address,
@@ -493,6 +511,30 @@ impl Watchman {
         Some(to_recorder)
     }
 
+    /// Keeps an archive running for each disk on which images are kept.
+    fn keep_archives(&self, stage: &Stage) -> Vec<(Disk, archive::Handle)> {
+        /// Bytes of a GiB.
+        const GIB: f64 = (1_u64 << 30) as f64;
+        let record = &self.settings.record;
+        let keep = |(disk, (_, directory))| {
+            let (to_archive, inbox) = inbox::channel(ARCHIVE_INBOX);
+            let rules = StoreRules {
+                directory,
+                limit_bytes: (record.images_limit_gib * GIB) as u64,
+                reserve_bytes: (record.reserve_gib * GIB) as u64,
+                boot_id: self.clock.boot_id(),
+                camera: self.settings.camera.name.clone(),
+                mirrored: self.settings.camera.mirrored,
+            };
+            let queue = record.queue_images as usize;
+            let (hub, backoff, stop) = (self.hub.clone(), Backoff::new(&self.settings.service), stage.stop.clone());
+            let actor = Archive { inbox, hub, disk, rules, queue, backoff, stop };
+            self.keep(stage, Actor::Archive, move |pulse| actor.clone().run(pulse));
+            (disk, to_archive)
+        };
+        [Disk::Images, Disk::Copies].into_iter().zip(record.image_directories()).map(keep).collect()
+    }
+
     /// Keeps the ledger running.
     fn keep_ledger(&self, stage: &Stage, ledger: Ledger) -> ledger::Handle {
         let (to_ledger, inbox) = inbox::channel(UNDER_WAY);
@@ -527,20 +569,29 @@ impl Watchman {
     fn keep_solver(&self, stage: &Stage, make: MakeSolver, abort: watch::Receiver<u32>) -> solver::Handle {
         let (to_solver, inbox) = inbox::channel(SOLVER_INBOX);
         let (hub, state, stop) = (self.hub.clone(), self.state.clone(), stage.stop.clone());
-        let actor = SolverActor { inbox, hub, make, state, abort, stop };
+        let left_behind = LeftBehind::default();
+        let actor = SolverActor { inbox, hub, make, state, abort, left_behind, stop };
         self.keep(stage, Actor::Solver, move |pulse| actor.clone().run(pulse));
         to_solver
     }
 
     /// Keeps the camera running.
-    fn keep_camera(&self, stage: &Stage, make: MakeSource, solver: solver::Handle) -> camera::Handle {
+    fn keep_camera(
+        &self,
+        stage: &Stage,
+        make: MakeSource,
+        solver: solver::Handle,
+        archives: Vec<(Disk, archive::Handle)>,
+    ) -> camera::Handle {
         let (to_camera, inbox) = inbox::channel(CAMERA_INBOX);
         let actor = CameraActor {
             make,
             solver,
+            archives,
             hub: self.hub.clone(),
             inbox,
             numbers: Arc::new(AtomicU32::new(0)),
+            left_behind: LeftBehind::default(),
             state: self.state.clone(),
             settings: Arc::clone(&self.settings),
             clock: self.clock,

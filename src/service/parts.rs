@@ -6,7 +6,7 @@ use super::file::{FileError, read_file};
 use super::index::prepare;
 use super::lens::SimulatedLens;
 use super::solver::{MakeSolver, Solve};
-use crate::camera::{CameraError, Directory, Moment, SimulatedSky, Source};
+use crate::camera::{Directory, SimulatedSky, Source};
 use crate::catalog::{Catalogue, MAX_FILE_BYTES};
 use crate::image::{BadPixels, BadPixelsError, Frame};
 use crate::settings::{CameraKind, LensKind, NO_ARAVIS, Settings};
@@ -63,15 +63,14 @@ impl Parts {
             CameraKind::Aravis => return Err(PartsError::NoDriver),
             CameraKind::Directory => {
                 let settings = Arc::clone(settings);
-                Some(mended(bad_pixels, move || Ok(Directory::new(&settings.camera))))
+                Some(source(move || Ok(Directory::new(&settings.camera))))
             }
             CameraKind::Sky => {
                 let (settings, stars, lens) = (Arc::clone(settings), stars.clone(), lens.clone());
-                let make = move || simulated_sky(&settings, &stars, lens.as_ref());
-                Some(mended(bad_pixels, make))
+                Some(source(move || simulated_sky(&settings, &stars, lens.as_ref())))
             }
         };
-        Ok(Self { camera, solver: solver(Arc::clone(settings), stars.clone()), lens })
+        Ok(Self { camera, solver: mended(solver(Arc::clone(settings), stars.clone()), bad_pixels), lens })
     }
 }
 
@@ -97,33 +96,38 @@ pub fn simulated_sky(settings: &Settings, stars: &Stars, lens: Option<&Simulated
     })
 }
 
-/// A source whose frames have their bad pixels replaced.
-struct Mended<S> {
-    source: S,
+/// Makes sources of one kind.
+fn source<S: Source + 'static>(make: impl Fn() -> Result<S, String> + Send + Sync + 'static) -> MakeSource {
+    Arc::new(move || Ok(Box::new(make()?) as Box<dyn Source>))
+}
+
+/// A solver that sees frames with their bad pixels replaced; they are kept as the camera gave them.
+struct Mended {
+    inner: Box<dyn Solve>,
     bad_pixels: Arc<BadPixels>,
 }
 
-impl<S: Source> Source for Mended<S> {
-    fn next(&mut self, moment: &Moment) -> Result<Frame, CameraError> {
-        let mut frame = self.source.next(moment)?;
-        self.bad_pixels.apply(&mut frame.pixels, frame.width, frame.height);
-        Ok(frame)
+impl Solve for Mended {
+    fn solve(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome {
+        let mut mended = frame.clone();
+        self.bad_pixels.apply(&mut mended.pixels, mended.width, mended.height);
+        self.inner.solve(&mended, prior, watch)
     }
 
-    fn gain(&mut self) -> Result<f64, CameraError> {
-        self.source.gain()
+    fn report(&self, outcome: &Outcome) -> Report {
+        self.inner.report(outcome)
     }
 
-    fn set_gain(&mut self, gain_db: f64) -> Result<(), CameraError> {
-        self.source.set_gain(gain_db)
+    fn adopt(&mut self, settings: &Arc<Settings>) {
+        self.inner.adopt(settings);
     }
 }
 
-fn mended<S: Source + 'static>(
-    bad_pixels: Arc<BadPixels>,
-    make: impl Fn() -> Result<S, String> + Send + Sync + 'static,
-) -> MakeSource {
-    Arc::new(move || Ok(Box::new(Mended { source: make()?, bad_pixels: Arc::clone(&bad_pixels) }) as Box<dyn Source>))
+fn mended(make: MakeSolver, bad_pixels: Arc<BadPixels>) -> MakeSolver {
+    if bad_pixels.is_empty() {
+        return make;
+    }
+    Arc::new(move || Ok(Box::new(Mended { inner: make()?, bad_pixels: Arc::clone(&bad_pixels) }) as Box<dyn Solve>))
 }
 
 /// The camera's bad pixels, by the file that the settings name; none where there is no such file.

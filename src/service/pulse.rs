@@ -20,12 +20,14 @@ struct Beat {
     last: Instant,
     /// Times that it hung, one start after the other.
     hangs: u32,
+    /// It cannot work in this process any more.
+    given_up: bool,
 }
 
 impl Pulse {
     /// One that beats now for the first time.
     pub fn new() -> Self {
-        Self(Arc::new(Mutex::new(Beat { last: Instant::now(), hangs: 0 })))
+        Self(Arc::new(Mutex::new(Beat { last: Instant::now(), hangs: 0, given_up: false })))
     }
 
     /// Beats.
@@ -53,14 +55,20 @@ impl Pulse {
         beat.hangs = if hung { beat.hangs.saturating_add(1) } else { 0 };
     }
 
+    /// It cannot work in this process any more, though its loop comes round; or it can again.
+    pub fn give_up(&self, given_up: bool) {
+        self.lock().given_up = given_up;
+    }
+
     /// For how long it has not beaten.
     pub fn silence(&self) -> Duration {
         self.last().elapsed()
     }
 
-    /// Whether there is no hope for the actor in this process: it has not beaten for `limit`, or hangs after each start.
+    /// Whether there is no hope for the actor in this process: it has not beaten for `limit`, hangs after each start, or has given up.
     pub fn is_hopeless(&self, limit: Duration) -> bool {
-        self.lock().hangs >= HANGS || self.silence() > limit
+        let Beat { hangs, given_up, .. } = *self.lock();
+        given_up || hangs >= HANGS || self.silence() > limit
     }
 
     /// Ends once it has not beaten for so long.

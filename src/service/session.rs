@@ -10,6 +10,7 @@ use super::hub::{self, ToHub};
 use super::keys::Keys;
 use super::manager::{LinkName, Manager};
 use super::state::State;
+use super::strain::LATE;
 use super::update::{self, LinkRecord};
 use crate::command::{BootId, FlightComputer, LEASE};
 use crate::settings::Settings;
@@ -253,7 +254,11 @@ async fn write<W: AsyncWrite>(
     schedule.set_missed_tick_behavior(MissedTickBehavior::Skip);
     let mut sequence: u32 = 0;
     loop {
-        schedule.tick().await;
+        let ready = Instant::now();
+        let due = schedule.tick().await.max(ready);
+        if due.elapsed() > LATE {
+            shared.hub.try_tell(ToHub::Late);
+        }
         let state = Arc::clone(&shared.state.borrow());
         let update = update::compose(&state, shared, computer, sequence, *record.borrow());
         sent.note(sequence, Instant::now());

@@ -6,8 +6,9 @@
 
 use super::hub::{self, ToHub};
 use super::inbox::Inbox;
+use super::left_behind::LeftBehind;
 use super::pulse::Pulse;
-use super::state::{Finished, Readiness, State};
+use super::state::{Finished, Readiness, Shed, State};
 use super::supervisor::{Ended, panic_message};
 use crate::image::Frame;
 use crate::settings::Settings;
@@ -65,6 +66,8 @@ pub struct SolverActor {
     pub state: watch::Receiver<Arc<State>>,
     /// Counts the wishes that the frame that is being solved be given up.
     pub abort: watch::Receiver<u32>,
+    /// The jobs that have not ended.
+    pub left_behind: LeftBehind,
     /// When to end; the frame that is being solved ends as `aborted`.
     pub stop: CancellationToken,
 }
@@ -90,7 +93,8 @@ impl SolverActor {
         let mut inbox = self.inbox.open().await;
         // What this actor's own frames have shown: one that is started again begins lost in space.
         let (mut tracker, first) = (Tracker::default(), Instant::now());
-        let mut job = Some(self.start(None, None));
+        let mut in_force = InForce::default();
+        let mut job = Some(self.start(None, None, in_force.of(&self.state.borrow())));
         let mut solver = None;
         let mut waiting: Option<Captured> = None;
         loop {
@@ -100,7 +104,8 @@ impl SolverActor {
                 let at = captured.at.saturating_duration_since(first);
                 captured.prior = tracker.prior(at, captured.prior, &self.settings().solver.tracking);
                 self.hub.tell(ToHub::Solving(Some(captured.frame.stamp.image))).await;
-                job = Some(self.start(solver.take(), Some(captured)));
+                pulse.give_up(self.left_behind.too_many());
+                job = Some(self.start(solver.take(), Some(captured), in_force.of(&self.state.borrow())));
             }
             tokio::select! {
                 biased;
@@ -131,15 +136,18 @@ impl SolverActor {
     }
 
     /// Puts a frame, or the making of a solver, on the blocking pool.
-    fn start(&self, solver: Option<Box<dyn Solve>>, captured: Option<Captured>) -> Job {
+    fn start(&self, solver: Option<Box<dyn Solve>>, captured: Option<Captured>, settings: Arc<Settings>) -> Job {
         let now = Instant::now();
-        let settings = self.settings();
         let timeout = Duration::from_secs_f64(settings.solver.timeout_s);
         let deadline = captured.as_ref().map_or(now, |captured| captured.at) + timeout;
         let (abort, aborts) = (self.abort.clone(), *self.abort.borrow());
         let watch = JobWatch { started: now, deadline, stop: self.stop.clone(), abort, aborts };
         let (make, theirs) = (Arc::clone(&self.make), captured.clone());
-        let handle = tokio::task::spawn_blocking(move || work(solver, &make, theirs, &watch, &settings));
+        let running = self.left_behind.start();
+        let handle = tokio::task::spawn_blocking(move || match running {
+            Some(_running) => work(solver, &make, theirs, &watch, &settings),
+            None => work(None, &broken(), theirs, &watch, &settings),
+        });
         Job { captured, hangs_at: deadline.max(now) + GRACE, handle }
     }
 
@@ -178,6 +186,34 @@ impl SolverActor {
             self.give_up(captured, Reason::Aborted, "the service stops").await;
         }
         Ok(())
+    }
+}
+
+/// Makes no solver: earlier ones have the threads that there are for them.
+fn broken() -> MakeSolver {
+    Arc::new(|| Err("the solver hangs, time after time".to_owned()))
+}
+
+/// The settings in force for a frame: those of the state, or those of a computer that has time for the normal search alone.
+#[derive(Default)]
+struct InForce(Option<(Arc<Settings>, Arc<Settings>)>);
+
+impl InForce {
+    fn of(&mut self, state: &State) -> Arc<Settings> {
+        if state.strain.shed() < Shed::Solving {
+            return Arc::clone(&state.settings);
+        }
+        // Made once for each: who compares the settings of two frames by their place sees that they are the same.
+        if let Some((of, lean)) = &self.0
+            && Arc::ptr_eq(of, &state.settings)
+        {
+            return Arc::clone(lean);
+        }
+        let mut lean = Settings::clone(&state.settings);
+        (lean.solver.robust, lean.solver.threads) = (false, 1);
+        let lean = Arc::new(lean);
+        self.0 = Some((Arc::clone(&state.settings), Arc::clone(&lean)));
+        lean
     }
 }
 

@@ -3,6 +3,7 @@
 use super::housekeeping::{self, Measurements};
 use super::runs::Run;
 use super::session::Closed;
+use super::strain::Strain;
 use crate::command::legacy::LegacyGuard;
 use crate::command::{BootId, Command, Desk, FlightComputer, Focus, Guard, InCharge, Lease, OrderNumber, Tick};
 use crate::image::{ImageCounter, TriggerCounter};
@@ -13,7 +14,7 @@ use crate::sky::Observer;
 use crate::solve::{Outcome, Prior, Report};
 use crate::wire::Status;
 use crate::wire::legacy::Picture;
-pub use crate::wire::{Actor, Found};
+pub use crate::wire::{Actor, Found, Shed};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
@@ -80,6 +81,8 @@ pub struct State {
     pub observer: Option<(Observer, Instant)>,
     /// Temperatures, pressure and disk.
     pub measured: Arc<Measurements>,
+    /// What is left undone for want of time.
+    pub strain: Strain,
     /// The last restart of each actor that was ever started again.
     pub restarts: BTreeMap<Actor, Restart>,
     /// Which run of the service this is, and how the last one ended.
@@ -186,10 +189,63 @@ pub struct Counters {
     pub records_lost: u32,
     /// Times that the disk refused.
     pub disk_errors: u32,
+    /// What became of images on each disk.
+    pub images: BTreeMap<Disk, ImageCounters>,
     /// Times that each actor was started again.
     pub restarts: BTreeMap<Actor, u32>,
     /// Connections that ended, by the reason.
     pub closed: BTreeMap<Closed, u32>,
+}
+
+/// Where images are kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Disk {
+    /// The camera's disk.
+    Images,
+    /// A second one.
+    Copies,
+}
+
+/// What became of images on a disk.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct ImageCounters {
+    /// Kept.
+    pub kept: u32,
+    /// Not kept.
+    pub lost: u32,
+    /// Kept earlier, and gone to make room.
+    pub thinned: u32,
+    /// Times that the disk refused.
+    pub disk_errors: u32,
+}
+
+/// What an archive tells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ImageNews {
+    /// An image is on disk.
+    Kept {
+        /// Images that went to make room.
+        thinned: u32,
+    },
+    /// One could not be kept.
+    Lost,
+    /// The disk refused.
+    DiskError,
+}
+
+impl ImageCounters {
+    /// Counts what an archive tells.
+    pub fn count(&mut self, news: ImageNews) {
+        let add = |count: &mut u32, more| *count = count.saturating_add(more);
+        match news {
+            ImageNews::Kept { thinned } => {
+                add(&mut self.kept, 1);
+                add(&mut self.thinned, thinned);
+            }
+            ImageNews::Lost => add(&mut self.lost, 1),
+            ImageNews::DiskError => add(&mut self.disk_errors, 1),
+        }
+    }
 }
 
 /// An actor's last restart.
@@ -257,6 +313,7 @@ impl State {
             ending: None,
             observer: None,
             measured: Arc::default(),
+            strain: Strain::default(),
             restarts: BTreeMap::new(),
             run: Run::default(),
             counters: Counters::default(),

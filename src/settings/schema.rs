@@ -494,6 +494,34 @@ pub struct RecordSettings {
     pub directory: String,
     /// Outcomes that may wait for the disk.
     pub queue_frames: u32,
+    /// Keep every image too.
+    pub images: bool,
+    /// Directory for them; empty for the one that [`RecordSettings::image_directories`] says.
+    pub images_directory: String,
+    /// Directory on a second disk for the same; empty for none.
+    pub copies_directory: String,
+    /// What the images in one directory may take, GiB; 0 for as much as there is.
+    pub images_limit_gib: f64,
+    /// What images leave free on a disk, GiB.
+    pub reserve_gib: f64,
+    /// Images that may wait for each disk.
+    pub queue_images: u32,
+}
+
+impl RecordSettings {
+    /// Where images are kept, with the key of each setting that says so; none where they are not.
+    pub fn image_directories(&self) -> Vec<(&'static str, std::path::PathBuf)> {
+        if !(self.enabled && self.images) {
+            return Vec::new();
+        }
+        let first = match self.images_directory.as_str() {
+            "" => std::path::Path::new(&self.directory).join("images"),
+            directory => directory.into(),
+        };
+        let second =
+            (!self.copies_directory.is_empty()).then(|| ("record.copies_directory", self.copies_directory.clone().into()));
+        std::iter::once(("record.images_directory", first)).chain(second).collect()
+    }
 }
 
 /// Section `[housekeeping]`.

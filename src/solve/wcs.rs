@@ -86,8 +86,7 @@ fn world(solution: &Solution, (width, height): (usize, usize), mirrored: bool) -
 /// The polynomial that takes offsets in the picture to those of an ideal lens, fitted over the picture to what the pose says.
 fn distortion(solution: &Solution, (width, height): (usize, usize), mirrored: bool) -> Vec<Keyword> {
     let half_diagonal = 0.5 * (width as f64).hypot(height as f64);
-    let pose =
-        Pose { attitude: solution.attitude, platescale: solution.platescale, k1: solution.k1, axis: solution.axis };
+    let pose = Pose { attitude: solution.attitude, platescale: solution.platescale, k1: solution.k1, axis: solution.axis };
     let side = if mirrored { 1.0 } else { -1.0 };
     let mut normal = SMatrix::<f64, 18, 18>::zeros();
     let mut right_hand = [SVector::<f64, 18>::zeros(); 2];

@@ -20,6 +20,7 @@ pub enum Actor {
     Session,
     Housekeeping,
     LegacyListener,
+    Archive,
 }
 
 codes!(Actor {
@@ -33,6 +34,7 @@ codes!(Actor {
     8 Session "session",
     9 Housekeeping "housekeeping",
     10 LegacyListener "legacy_listener",
+    11 Archive "archive",
 });
 
 /// How the last run of the service ended.
@@ -76,6 +78,49 @@ codes!(Found {
     3 OneCopy "one_copy",
     4 Damaged "damaged",
 });
+
+/// What a computer that is too slow for all of its work leaves undone; each has what stands before it, too.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Shed {
+    /// Nothing: there is time for all.
+    Nothing,
+    /// The display is not drawn.
+    Display,
+    /// Images are not kept.
+    Images,
+    /// Frames that the normal search does not solve are given up.
+    Solving,
+}
+
+codes!(Shed {
+    1 Nothing "nothing",
+    2 Display "display",
+    3 Images "images",
+    4 Solving "solving",
+});
+
+impl Shed {
+    /// One thing more.
+    #[must_use]
+    pub fn more(self) -> Self {
+        match self {
+            Self::Nothing => Self::Display,
+            Self::Display => Self::Images,
+            Self::Images | Self::Solving => Self::Solving,
+        }
+    }
+
+    /// One thing less.
+    #[must_use]
+    pub fn less(self) -> Self {
+        match self {
+            Self::Nothing | Self::Display => Self::Nothing,
+            Self::Images => Self::Display,
+            Self::Solving => Self::Images,
+        }
+    }
+}
 
 body! {
     /// How old and how good the housekeeping's values are, and what was started again and why.
@@ -128,6 +173,26 @@ body! {
         restarts_ledger: U32Le => "";
         /// Times that the housekeeping was started again.
         restarts_housekeeping: U32Le => "";
+        /// Times that an archive of images was started again.
+        restarts_archive: U32Le => "";
+        /// What is left undone for want of time.
+        shed: Coded<Shed> => "";
+        /// Images kept on disk since the start.
+        images_kept: U32Le => "";
+        /// Images that could not be kept there.
+        images_lost: U32Le => "";
+        /// Images kept earlier that went to make room.
+        images_thinned: U32Le => "";
+        /// Times that this disk refused an image.
+        images_disk_errors: U32Le => "";
+        /// The same of the second disk, where there is one: images kept.
+        copies_kept: U32Le => "";
+        /// Images that could not be kept there.
+        copies_lost: U32Le => "";
+        /// Images kept earlier that went to make room.
+        copies_thinned: U32Le => "";
+        /// Times that this disk refused an image.
+        copies_disk_errors: U32Le => "";
         /// The part of the service that was started again last.
         last_restart: Maybe<Coded<Actor>> => "";
         /// Why it had ended, cut where it is longer; empty where nothing was started again.

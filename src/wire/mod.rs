@@ -34,7 +34,7 @@ pub use commands::{CommandReply, CommandSlot, Commands, Control, SLOTS};
 pub use element::{Element, I32Le, List, Maybe, Text, U16Le, U32Le};
 pub use frame::{MAX_FRAME, OVERHEAD, SYNC};
 pub use gyro::{Exposure, Gyro, Rates};
-pub use health::{Actor, Found, Health, LastEnd};
+pub use health::{Actor, Found, Health, LastEnd, Shed};
 pub use hello::{Hello, MAGIC, Role};
 pub use instrument::{Best, Focus, FocusEnding, FocusRange, Lens, WidthEstimate};
 pub use layout::{Field, Form, Scalar, Table};

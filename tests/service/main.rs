@@ -13,6 +13,7 @@
 mod actors;
 mod commands;
 mod housekeeping;
+mod images;
 mod program;
 mod sessions;
 mod support;

@@ -28,6 +28,7 @@ pub fn settings() -> Settings {
     settings.camera.period_s = 0.2;
     settings.catalog.cache_directory = String::new();
     settings.record.enabled = false;
+    settings.record.images = false;
     settings.commands.ledger_directory = String::new();
     settings.lens.kind = LensKind::None;
     settings

@@ -28,12 +28,15 @@ impl Sum {
     }
 
     /// Adds 16-bit values that stand one after the other; `odd`: the first of them is the second half of a word.
-    pub fn add_values(&mut self, values: impl Iterator<Item = u16>, odd: bool) {
-        let mut half = usize::from(odd);
+    pub fn add_values(&mut self, values: impl Iterator<Item = u16>, mut odd: bool) {
+        let [high, low] = self.halves;
+        let (mut here, mut other) = if odd { (low, high) } else { (high, low) };
         for value in values {
-            self.halves[half & 1] += u64::from(value);
-            half += 1;
+            here += u64::from(value);
+            std::mem::swap(&mut here, &mut other);
+            odd = !odd;
         }
+        self.halves = if odd { [other, here] } else { [here, other] };
     }
 
     /// The sum, its carries brought round.

@@ -2,12 +2,12 @@
 
 use super::{Quantity, Rule};
 use crate::command::Tick;
-use crate::service::file::{FileError, read_file};
+use crate::service::file::{FileError, free_bytes, read_file};
 use crate::settings::{SensorSource, Settings};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rustix::process::{Pid, Signal, kill_process_group};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Stdio;
 use std::time::Duration;
 use tokio::io::AsyncReadExt;
@@ -199,12 +199,9 @@ struct DiskSensor {
 
 impl Sensor for DiskSensor {
     fn read(&mut self, _: Tick) -> Result<f64, SensorError> {
-        // The directory is made with the first record.
-        let there = self.directory.ancestors().find(|path| path.exists()).filter(|path| !path.as_os_str().is_empty());
-        let there = there.unwrap_or(if self.directory.is_absolute() { Path::new("/") } else { Path::new(".") });
-        let disk = rustix::fs::statvfs(there)
+        let free = free_bytes(&self.directory)
             .map_err(|error| SensorError::Disk { directory: self.directory.display().to_string(), problem: error.to_string() })?;
-        Ok(disk.f_bavail as f64 * disk.f_frsize as f64 / GIB)
+        Ok(free as f64 / GIB)
     }
 }
 
@@ -248,6 +245,7 @@ fn first_number(bytes: &[u8]) -> Result<f64, SensorError> {
 mod tests {
     use super::*;
     use std::os::unix::fs::PermissionsExt;
+    use std::path::Path;
     use std::time::Instant;
 
     /// Settings with this source for the lens's temperature.

@@ -1,7 +1,7 @@
 //! From the state to what an update says of temperatures, pressure, disk and restarts.
 
 use super::Quantity;
-use crate::service::state::State;
+use crate::service::state::{Disk, State};
 use crate::wire::{Actor, Health, Housekeeping, Text};
 use tokio::time::Instant;
 
@@ -26,6 +26,8 @@ pub fn health(state: &State, now: Instant) -> Health {
     let alarm = |quantity| state.measured.is_alarming(quantity, now, &state.settings);
     let restarts = |actor| state.counters.restarts.get(&actor).copied().unwrap_or_default().into();
     let disk_is_known = state.measured.value(Quantity::DiskFree, now, &state.settings).is_some();
+    let images = |disk| state.counters.images.get(&disk).copied().unwrap_or_default();
+    let (images, copies) = (images(Disk::Images), images(Disk::Copies));
     let last = state.restarts.iter().max_by_key(|(_, restart)| restart.at);
     Health {
         simulated_housekeeping: state.simulated.housekeeping,
@@ -52,6 +54,16 @@ pub fn health(state: &State, now: Instant) -> Health {
         restarts_lens: restarts(Actor::Lens),
         restarts_ledger: restarts(Actor::Ledger),
         restarts_housekeeping: restarts(Actor::Housekeeping),
+        restarts_archive: restarts(Actor::Archive),
+        shed: state.strain.shed().into(),
+        images_kept: images.kept.into(),
+        images_lost: images.lost.into(),
+        images_thinned: images.thinned.into(),
+        images_disk_errors: images.disk_errors.into(),
+        copies_kept: copies.kept.into(),
+        copies_lost: copies.lost.into(),
+        copies_thinned: copies.thinned.into(),
+        copies_disk_errors: copies.disk_errors.into(),
         last_restart: last.map(|(actor, _)| *actor).into(),
         last_restart_reason: last.map_or_else(Text::default, |(_, restart)| Text::new(&restart.why)),
         last_restart_age_s: last.map(|(_, restart)| now.saturating_duration_since(restart.at).as_secs_f64()).into(),
