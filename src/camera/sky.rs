@@ -4,7 +4,7 @@ use super::{CameraError, Moment, Source};
 use crate::catalog::Catalogue;
 use crate::image::Frame;
 use crate::settings::{Settings, SimulateSettings};
-use crate::simulate::sky::{FixedPattern, Kind, RenderSpec, Truth, UnknownKind, render_with};
+use crate::simulate::sky::{FlatField, Kind, RenderSpec, Truth, UnknownKind, render_with};
 use crate::sky::{ARCSEC, Attitude, ClockQuality, DEG, Observer, RowOrder, precess_from_j2000, wrap_two_pi};
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::sync::Arc;
@@ -69,7 +69,7 @@ pub struct SimulatedSky {
     catalogue: Arc<Catalogue>,
     gondola: Gondola,
     spec: RenderSpec,
-    pattern: FixedPattern,
+    flat: FlatField,
     truth: Option<Truth>,
     lens: Option<LensFocus>,
     /// Gain, dB: what a camera would report. It changes no pixel.
@@ -99,13 +99,14 @@ impl SimulatedSky {
             rows: RowOrder::BottomFirst,
             mirrored: settings.camera.mirrored,
             camera: Some(settings.simulate.seed),
+            photon_bound: false,
             ..RenderSpec::new(kind, settings.simulate.seed, 0)
         };
         Ok(Self {
             catalogue,
             gondola: Gondola::new(&settings.simulate),
             spec,
-            pattern: FixedPattern::default(),
+            flat: FlatField::default(),
             truth: None,
             lens: None,
             gain_db: 0.0,
@@ -155,8 +156,8 @@ impl Source for SimulatedSky {
             disc_px: self.lens.as_ref().map(LensFocus::disc_px),
             ..self.spec.clone()
         };
-        let rendered = render_with(&spec, &self.catalogue, &mut self.pattern)
-            .map_err(|error| CameraError::Unavailable(error.to_string()))?;
+        let rendered =
+            render_with(&spec, &self.catalogue, &mut self.flat).map_err(|error| CameraError::Unavailable(error.to_string()))?;
         let mut frame = rendered.frame;
         frame.stamp.captured = moment.utc.map(|utc| (utc, moment.quality)).filter(|(_, quality)| *quality != ClockQuality::Unset);
         frame.stamp.observer = Some(self.gondola.observer(moment.uptime));

@@ -71,21 +71,26 @@ fn jumping() -> anyhow::Result<tokio::runtime::Runtime> {
     Builder::new_current_thread().enable_all().start_paused(true).build().context("the runtime cannot be started")
 }
 
-/// How far a flight has come, in a line.
+/// How far a flight has come and how fast, and the worst by now, in a line.
 fn line(progress: &Progress, duration: Duration) -> String {
-    let Progress { flown, book } = progress;
-    let hours = |time: Duration| time.as_secs_f64() / 3600.0;
+    let Progress { flown, taken, book, held } = progress;
+    let hours = |time: &Duration| time.as_secs_f64() / 3600.0;
+    let rate = hours(flown) / (taken.as_secs_f64() / 60.0).max(f64::EPSILON);
+    let mib = held.map_or_else(|| "?".to_owned(), |held| (held.resident_kib / 1024).to_string());
     format!(
-        "{:6.1} of {:.1} h: {} solved, {} wrong; {} updates, longest gap {} ms; {} commands, {} lost, {} spurious",
-        hours(*flown),
-        hours(duration),
+        "{:6.2} of {:.1} h, {rate:.1} h/min: {} solved, {} wrong; {} updates, {} late, longest gap {} ms; \
+         {} commands, {} lost, {} spurious; {} restarts; {mib} MiB",
+        hours(flown),
+        hours(&duration),
         book.solved,
         book.wrong.len(),
         book.updates,
+        book.late.len(),
         book.longest_gap.as_millis(),
         book.given,
         book.lost.len(),
         book.spurious.len(),
+        book.restarts.values().sum::<u32>(),
     )
 }
 

@@ -31,6 +31,8 @@ pub struct Book {
     pub frames: u32,
     /// See there.
     pub records_lost: u32,
+    /// Frames that a newer one replaced before their turn.
+    pub skipped: u32,
     /// Images seen in updates: solved, not solved, wrongly solved.
     pub solved: u32,
     /// See there.
@@ -89,6 +91,11 @@ impl Account {
         self.book().clone()
     }
 
+    /// Runs of the service by now.
+    pub fn runs(&self) -> usize {
+        self.book().runs
+    }
+
     /// The service is to start: images are numbered anew.
     pub fn begin_run(&self) {
         self.book().runs += 1;
@@ -107,6 +114,7 @@ impl Account {
         let mut book = self.book();
         book.frames += state.counters.frames_taken;
         book.records_lost += state.counters.records_lost;
+        book.skipped += state.counters.frames_skipped;
         for (actor, count) in &state.counters.restarts {
             *book.restarts.entry(format!("{actor:?}").to_lowercase()).or_default() += count;
         }
@@ -215,10 +223,28 @@ impl Account {
 }
 
 impl Book {
+    /// Honest commands whose doing shows, by how often they were done: never, once, more often.
+    pub fn times_run(&self) -> [usize; 3] {
+        let times = self.times();
+        let mut counts = [0; 3];
+        for value in self.honest.keys() {
+            let place = times.get(value).copied().unwrap_or_default().min(2);
+            if let Some(count) = counts.get_mut(place) {
+                *count += 1;
+            }
+        }
+        counts
+    }
+
+    fn times(&self) -> BTreeMap<u64, usize> {
+        let mut times = BTreeMap::new();
+        self.effects.iter().for_each(|value| *times.entry(*value).or_default() += 1);
+        times
+    }
+
     /// Honest commands that took effect more often, or less often, than their last words say, in words.
     pub fn contradictions(&self) -> Vec<String> {
-        let mut times: BTreeMap<u64, u32> = BTreeMap::new();
-        self.effects.iter().for_each(|value| *times.entry(*value).or_default() += 1);
+        let times = self.times();
         let mut found = Vec::new();
         for (value, stage) in &self.honest {
             let times = times.get(value).copied().unwrap_or_default();
@@ -280,6 +306,7 @@ mod tests {
         assert_eq!((book.spurious.len(), book.lost.len()), (0, 0));
         let found = book.contradictions();
         assert_eq!(found.len(), 3, "{found:?}");
+        assert_eq!(book.times_run(), [1, 1, 2]);
         configured(&account, POISON_TIMEOUT_S + 1.0);
         account.end(&give(9.0), None, true);
         assert_eq!((account.so_far().spurious.len(), account.so_far().lost.len()), (1, 0));

@@ -4,6 +4,7 @@ use super::account::{Account, Book, POISON_COUNTS};
 use super::computer::{Computer, Connect, Handle, Line};
 use super::instrument::{Charger, Faults, camera, solver};
 use super::report::Report;
+use super::resources::Held;
 use super::schedule::{Class, Fault, schedule};
 use crate::camera::Gondola;
 use crate::command::{Command, Tick};
@@ -12,6 +13,7 @@ use crate::settings::{CameraKind, LensKind, Settings};
 use crate::simulate::lens::{FaultKind, Received};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rustix::time::{ClockId, clock_gettime};
 use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
@@ -41,10 +43,16 @@ pub struct Plan {
 pub struct Progress {
     /// Time flown.
     pub flown: Duration,
+    /// Time that it took.
+    pub taken: Duration,
     /// What was counted by now.
     pub book: Book,
+    /// What the process holds of the machine.
+    pub held: Option<Held>,
 }
 
+/// Time between looks at what the process holds, on a clock that jumps and in real time.
+const LOOKS: (Duration, Duration) = (Duration::from_secs(3600), Duration::from_secs(10));
 /// The computer that is not well for so long is not in charge any more.
 const WATCHDOG: Duration = Duration::from_secs(2);
 /// How often the computers look at each other.
@@ -112,7 +120,7 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
         settings,
         plan,
     };
-    let began = Instant::now();
+    let (began, began_really) = (Instant::now(), real_time());
     let mut tasks = JoinSet::new();
     let mut running = soak.start().await?;
     soak.computers().into_iter().for_each(|computer| drop(tasks.spawn(computer.fly())));
@@ -121,7 +129,8 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
     let mut faults = schedule(soak.plan.seed, soak.plan.duration, soak.plan.every).into_iter().peekable();
     let mut counts: BTreeMap<Class, u32> = BTreeMap::new();
     let mut words = Tick::ZERO;
-    let mut progress = interval(if soak.plan.real { Duration::from_secs(10) } else { Duration::from_secs(3600) });
+    let mut samples: Vec<Held> = Vec::new();
+    let mut progress = interval(if soak.plan.real { LOOKS.1 } else { LOOKS.0 });
     progress.set_missed_tick_behavior(MissedTickBehavior::Skip);
     let mut watcher = soak.watch(&running);
     loop {
@@ -144,7 +153,10 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
             },
             _ = progress.tick() => {
                 soak.look_at_the_lens(&mut words);
-                show(&Progress { flown: began.elapsed(), book: soak.account.so_far() });
+                let (flown, taken) = (began.elapsed(), real_time().saturating_sub(began_really));
+                let held = Held::now(flown);
+                samples.extend(held);
+                show(&Progress { flown, taken, book: soak.account.so_far(), held });
             }
         }
     }
@@ -152,7 +164,13 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
     sleep(Duration::from_secs(20)).await;
     tasks.abort_all();
     soak.end(running, watcher, &mut words).await;
-    Ok(Report::new(&soak.plan, began.elapsed(), soak.account.so_far(), counts))
+    Ok(Report::new(&soak.plan, began.elapsed(), &soak.account.so_far(), &counts, &samples))
+}
+
+/// Time on a clock of the machine that never jumps, whatever the runtime's clock does.
+fn real_time() -> Duration {
+    let time = clock_gettime(ClockId::Monotonic);
+    Duration::new(time.tv_sec.unsigned_abs(), u32::try_from(time.tv_nsec).unwrap_or_default())
 }
 
 /// The settings of a soak: everything simulated, on loopback, kept in its directory.
@@ -176,7 +194,7 @@ fn adapted(settings: &Settings, plan: &Plan) -> Settings {
 impl Soak {
     async fn start(&self) -> Result<Running, StartError> {
         let mut settings = Settings::clone(&self.settings);
-        if self.account.so_far().runs % QUICK_RUN.0 == QUICK_RUN.1 {
+        if self.account.runs() % QUICK_RUN.0 == QUICK_RUN.1 {
             settings.camera.period_s = QUICK_PERIOD_S;
         }
         let settings = Arc::new(settings);

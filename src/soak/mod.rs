@@ -10,8 +10,10 @@ mod computer;
 mod flight;
 mod instrument;
 mod report;
+mod resources;
 mod schedule;
 
 pub use flight::{Plan, Progress, fly};
 pub use report::Report;
+pub use resources::Held;
 pub use schedule::{Class, Fault, schedule};

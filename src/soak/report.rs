@@ -2,6 +2,7 @@
 
 use super::account::{Book, GAPS_MS};
 use super::flight::Plan;
+use super::resources::{Held, judge};
 use super::schedule::Class;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -22,58 +23,81 @@ pub struct Report {
 
 impl Report {
     /// Closes the books of a flight.
-    pub fn new(plan: &Plan, flown: Duration, book: Book, faults: BTreeMap<Class, u32>) -> Self {
+    pub fn new(plan: &Plan, flown: Duration, book: &Book, faults: &BTreeMap<Class, u32>, held: &[Held]) -> Self {
         let mut report = Self { text: String::new(), good: true };
+        report.tell_faults(plan, flown, faults);
+        report.tell_counts(plan, book);
+        report.judge_counts(plan, book);
+        let (words, grown) = judge(held);
+        words.iter().for_each(|words| report.line(words));
+        if !words.is_empty() {
+            report.want("memory, threads and descriptors at the end within 5 % of what they were after the beginning", &grown);
+        }
+        let kind = if plan.real { " --real" } else { "" };
+        report.line(&format!(
+            "again: stars soak{kind} --seed {} --duration {}s --every {}s",
+            plan.seed,
+            plan.duration.as_secs(),
+            plan.every.as_secs()
+        ));
+        report
+    }
+
+    /// The flight, and what went wrong in it as the schedule wanted.
+    fn tell_faults(&mut self, plan: &Plan, flown: Duration, faults: &BTreeMap<Class, u32>) {
         let (total, least) =
             (faults.values().sum::<u32>(), Class::ALL.iter().map(|class| faults.get(class).copied().unwrap_or(0)));
         let least = least.min().unwrap_or(0);
-        report.line(&format!(
+        self.line(&format!(
             "seed {}: {:.2} days flown, {total} faults of {} classes, each {least} times or more",
             plan.seed,
             flown.as_secs_f64() / 86_400.0,
             faults.len()
         ));
-        for (class, count) in &faults {
-            report.line(&format!("  {count:5} {}", class.name()));
+        for (class, count) in faults {
+            self.line(&format!("  {count:5} {}", class.name()));
         }
-        let frames = book.frames;
-        let kept = records(&plan.directory.join("record"));
-        report.line(&format!(
-            "{frames} frames in {} runs of the service; of those that updates showed {} solved and {} not",
-            book.runs, book.solved, book.unsolved
+    }
+
+    /// What was counted.
+    fn tell_counts(&mut self, plan: &Plan, book: &Book) {
+        self.line(&format!(
+            "{} frames in {} runs of the service, {} skipped; of those that updates showed {} solved and {} not",
+            book.frames, book.runs, book.skipped, book.solved, book.unsolved
         ));
         let gaps: Vec<String> = GAPS_MS
             .iter()
             .zip(book.gaps)
             .map(|(bound, count)| if *bound == u64::MAX { format!("over: {count}") } else { format!("≤ {bound} ms: {count}") })
             .collect();
-        report.line(&format!("{} updates; time between two on a link that stood: {}", book.updates, gaps.join(", ")));
-        report.line(&format!("commands given {}: {:?}; refused blocks and slots {:?}", book.given, book.ended, book.refused));
-        report.line(&format!("restarts of actors: {:?}", book.restarts));
-        report.want("no wrong solution", &book.wrong);
-        report.want("no update late by over 0.1 s on a link that stood", &book.late);
-        report.want("nothing done that nobody commanded", &book.spurious);
-        report.want("no command lost", &book.lost);
-        report.want("each command done once where it was said to be done, never twice", &book.contradictions());
+        let clock = if plan.real { "in real time" } else { "on the soak's clock, to which the solver's CPU time is charged" };
+        self.line(&format!("{} updates; time between two on a link that stood, {clock}: {}", book.updates, gaps.join(", ")));
+        self.line(&format!("commands given {}: {:?}; refused blocks and slots {:?}", book.given, book.ended, book.refused));
+        let [never, once, more] = book.times_run();
+        self.line(&format!("of those whose doing shows {once} were done once, {never} never, {more} more often"));
+        self.line(&format!("restarts of actors: {:?}", book.restarts));
+    }
+
+    /// What must not be.
+    fn judge_counts(&mut self, plan: &Plan, book: &Book) {
+        self.want("no wrong solution", &book.wrong);
+        self.want("no update late by over 0.1 s on a link that stood", &book.late);
+        self.want("nothing done that nobody commanded", &book.spurious);
+        self.want("no command lost", &book.lost);
+        self.want("each command done once where it was said to be done, never twice", &book.contradictions());
+        let (frames, kept) = (book.frames, records(&plan.directory.join("record")));
         let lost: Vec<String> = (kept != u64::from(frames) || book.records_lost > 0)
             .then(|| format!("{frames} frames, {kept} outcomes, {} said to be lost", book.records_lost))
             .into_iter()
             .collect();
-        report.want("an outcome kept of every frame", &lost);
+        self.want("an outcome kept of every frame", &lost);
         let some = |what: &str, count: u64| (count == 0).then(|| format!("no {what}"));
         let nothing: Vec<String> =
             [some("frame", frames.into()), some("solution", book.solved.into()), some("update", book.updates)]
                 .into_iter()
                 .flatten()
                 .collect();
-        report.want("frames, solutions and updates", &nothing);
-        report.line(&format!(
-            "again: stars soak --seed {} --duration {}s --every {}s",
-            plan.seed,
-            plan.duration.as_secs(),
-            plan.every.as_secs()
-        ));
-        report
+        self.want("frames, solutions and updates", &nothing);
     }
 
     fn line(&mut self, line: &str) {

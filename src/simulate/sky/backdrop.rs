@@ -15,14 +15,20 @@ pub(super) struct Backdrop {
     pub gradient: f64,
     /// Direction in which the sky brightens, from x towards y, rad.
     pub gradient_angle: f64,
-    /// Light lost in the corners, fraction.
-    pub vignetting: f64,
+    pub dimming: Dimming,
     pub glows: Vec<Glow>,
     pub clouds: Vec<Cloud>,
     pub slabs: Vec<Slab>,
     pub streaks: Vec<Streak>,
-    pub spots: Vec<Spot>,
     pub glare: Option<Glare>,
+}
+
+/// What dims the light before it reaches the sensor.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Dimming {
+    /// Light lost in the corners, fraction.
+    pub vignetting: f64,
+    pub spots: Vec<Spot>,
 }
 
 /// Light that falls off exponentially from a point.
@@ -70,7 +76,7 @@ pub(super) struct Streak {
 }
 
 /// A speck of dust.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Spot {
     pub x: f64,
     pub y: f64,
@@ -134,7 +140,9 @@ impl Backdrop {
         self.streaks.iter().for_each(|streak| streak.paint(&mut image, width));
         image
     }
+}
 
+impl Dimming {
     /// What fraction of the light each pixel gets: vignetting and dust.
     pub fn transmission(&self, width: usize, height: usize) -> Vec<f32> {
         let (middle_x, middle_y) = (0.5 * (width as f64 - 1.0), 0.5 * (height as f64 - 1.0));
@@ -233,20 +241,35 @@ fn smooth_field(width: usize, height: usize, value: impl Fn(f64, f64) -> f64) ->
     };
     let mut image = vec![0.0f32; width * height];
     let (mut lower, mut upper) = (grid_row(0), grid_row(1));
+    let mut between = lower.clone();
     for (y, row) in image.chunks_exact_mut(width).enumerate() {
         if y > 0 && y % GRID_PX == 0 {
             lower = std::mem::replace(&mut upper, grid_row(y / GRID_PX + 1));
         }
         let fy = (y % GRID_PX) as f32 / GRID_PX as f32;
-        for (column, pixels) in row.chunks_mut(GRID_PX).enumerate() {
-            let left = lower[column] + fy * (upper[column] - lower[column]);
-            let right = lower[column + 1] + fy * (upper[column + 1] - lower[column + 1]);
-            for (i, pixel) in pixels.iter_mut().enumerate() {
-                *pixel = left + (right - left) * (i as f32 / GRID_PX as f32);
-            }
+        for (between, (lower, upper)) in between.iter_mut().zip(lower.iter().zip(&upper)) {
+            *between = lower + fy * (upper - lower);
+        }
+        let right = between.iter().skip(1);
+        // The length is fixed, so that a whole run of pixels is one vector.
+        let (whole, rest) = row.as_chunks_mut::<GRID_PX>();
+        let last = (rest, between.get(whole.len()..whole.len() + 2));
+        for (pixels, (left, right)) in whole.iter_mut().zip(between.iter().zip(right)) {
+            interpolate(pixels, *left, *right);
+        }
+        if let (rest, Some(&[left, right])) = last {
+            interpolate(rest, left, right);
         }
     }
     image
+}
+
+/// Fills pixels from one point of the grid towards the next.
+#[inline]
+fn interpolate(pixels: &mut [f32], left: f32, right: f32) {
+    for (i, pixel) in pixels.iter_mut().enumerate() {
+        *pixel = left + (right - left) * (i as f32 / GRID_PX as f32);
+    }
 }
 
 #[cfg(test)]
@@ -275,7 +298,7 @@ mod tests {
     #[test]
     fn dust_and_vignetting_only_dim() {
         let spots = vec![Spot { x: 50.0, y: 40.0, radius_px: 10.0, depth: 0.04 }];
-        let image = Backdrop { vignetting: 0.3, spots, ..Backdrop::default() }.transmission(200, 100);
+        let image = Dimming { vignetting: 0.3, spots }.transmission(200, 100);
         assert!(image.iter().all(|&t| (0.69..=1.0).contains(&t)));
         assert!((image[0] - 0.7).abs() < 1e-3);
         assert!(image[40 * 200 + 50] < 0.965 * image[40 * 200 + 70]);

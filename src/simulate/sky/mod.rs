@@ -28,6 +28,7 @@ pub use truth::{TrueStar, Truth};
 use crate::catalog::Catalogue;
 use crate::image::Frame;
 use crate::sky::{ARCSEC, Attitude, RowOrder, Vec3};
+use backdrop::Dimming;
 use random::{Dice, Purpose};
 use scene::Scene;
 use sensor::FIXED_PATTERN;
@@ -62,6 +63,8 @@ pub struct RenderSpec {
     /// Seed of what stays with a camera from frame to frame: optics, dust, hot pixels, fixed pattern. Where `None`, every
     /// frame comes from a camera of its own.
     pub camera: Option<u64>,
+    /// Whether the truth tells what the photons allow, which takes as long as a good part of the frame itself.
+    pub photon_bound: bool,
 }
 
 /// A frame and what it shows.
@@ -118,6 +121,7 @@ impl RenderSpec {
             sweep: None,
             disc_px: None,
             camera: None,
+            photon_bound: true,
         }
     }
 
@@ -150,25 +154,40 @@ impl RenderSpec {
     }
 }
 
-/// The sensitivities of a camera's pixels. They stay with it, so that whoever keeps this need not have them drawn for each frame.
+/// What dims the light on its way in a camera: optics, dust, and the sensitivities of the pixels. Most of it stays with the camera, so that
+/// whoever keeps this need not have it made for each frame.
 #[derive(Debug, Clone, Default)]
-pub struct FixedPattern {
-    /// What they were drawn for: the camera, columns, rows.
+pub struct FlatField {
+    /// What the sensitivities were drawn for: the camera, columns, rows.
     of: Option<(u64, usize, usize)>,
     /// Sensitivity of each pixel, 1 on average.
-    factors: Vec<f32>,
+    sensitivities: Vec<f32>,
+    /// The dimming that the transmission is of, columns and rows.
+    by: Option<(Dimming, usize, usize)>,
+    /// Fraction of the light that the optics let through to each pixel.
+    transmission: Vec<f32>,
 }
 
-impl FixedPattern {
-    fn of(&mut self, spec: &RenderSpec) -> &[f32] {
+impl FlatField {
+    fn prepare(&mut self, spec: &RenderSpec, dimming: &Dimming) {
         let of = spec.camera.map(|camera| (camera, spec.width, spec.height));
         if of.is_none() || self.of != of {
             let mut dice = spec.camera_dice(Purpose::Pattern);
-            self.factors.clear();
-            self.factors.extend((0..spec.width * spec.height).map(|_| 1.0 + (FIXED_PATTERN * dice.normal()) as f32));
+            self.sensitivities.clear();
+            self.sensitivities.extend((0..spec.width * spec.height).map(|_| 1.0 + (FIXED_PATTERN * dice.normal()) as f32));
             self.of = of;
         }
-        &self.factors
+        let by = Some((dimming.clone(), spec.width, spec.height));
+        if self.by != by {
+            self.transmission = dimming.transmission(spec.width, spec.height);
+            self.by = by;
+        }
+    }
+
+    fn dim(&self, light: &mut [f32]) {
+        for ((pixel, transmission), sensitivity) in light.iter_mut().zip(&self.transmission).zip(&self.sensitivities) {
+            *pixel *= transmission * sensitivity;
+        }
     }
 }
 
@@ -178,7 +197,7 @@ impl FixedPattern {
 ///
 /// A size or a plate scale that no picture has.
 pub fn render(spec: &RenderSpec, catalogue: &Catalogue) -> Result<Rendered, RenderError> {
-    render_with(spec, catalogue, &mut FixedPattern::default())
+    render_with(spec, catalogue, &mut FlatField::default())
 }
 
 /// The same, for one frame after the other.
@@ -186,7 +205,7 @@ pub fn render(spec: &RenderSpec, catalogue: &Catalogue) -> Result<Rendered, Rend
 /// # Errors
 ///
 /// As [`render`].
-pub fn render_with(spec: &RenderSpec, catalogue: &Catalogue, pattern: &mut FixedPattern) -> Result<Rendered, RenderError> {
+pub fn render_with(spec: &RenderSpec, catalogue: &Catalogue, flat: &mut FlatField) -> Result<Rendered, RenderError> {
     spec.check()?;
     let (width, height) = (spec.width, spec.height);
     let mut scene = Scene::draw(spec, catalogue);
@@ -196,14 +215,14 @@ pub fn render_with(spec: &RenderSpec, catalogue: &Catalogue, pattern: &mut Fixed
         Some(value) => vec![value; width * height],
         None => {
             let mut light = scene.backdrop.light(width, height, sensor.full_light_adu());
-            let transmission = scene.backdrop.transmission(width, height);
-            images.iter_mut().for_each(|star| star.measure_sky(&light, &transmission, width));
+            flat.prepare(spec, &scene.backdrop.dimming);
+            images.iter_mut().for_each(|star| star.measure_sky(&light, &flat.transmission, width));
             if let Some(count) = scene.left_over {
                 stars::dim_to(count, &mut images, sensor);
             }
             images.iter().for_each(|star| star.paint(&mut light, width));
             specks::draw(spec, &scene).iter().for_each(|speck| speck.paint(&mut light, width));
-            dim(&mut light, &transmission, pattern.of(spec));
+            flat.dim(&mut light);
             scene.flaws.paint_lasting(&mut light, width, sensor.sum_over_mean, &mut spec.camera_dice(Purpose::HotPixels));
             scene.flaws.paint_tracks(&mut light, width, sensor.sum_over_mean, &mut spec.dice(Purpose::Events));
             if sensor.overflows {
@@ -221,11 +240,4 @@ pub fn render_with(spec: &RenderSpec, catalogue: &Catalogue, pattern: &mut Fixed
     frame.stamp.exposures = sensor.exposures();
     frame.stamp.simulated = true;
     Ok(Rendered { frame, truth })
-}
-
-/// Dims the light by the optics' transmission and the pixels' own sensitivities.
-fn dim(light: &mut [f32], transmission: &[f32], pattern: &[f32]) {
-    for ((pixel, transmission), sensitivity) in light.iter_mut().zip(transmission).zip(pattern) {
-        *pixel *= transmission * sensitivity;
-    }
 }

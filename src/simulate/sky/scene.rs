@@ -266,12 +266,12 @@ fn draw_backdrop(spec: &RenderSpec, dice: &mut Dice, sensor: &Sensor) -> Backdro
     let wild = matches!(spec.kind, Kind::Gradient | Kind::NoStars | Kind::Spoilt(Cause::TooManyArtefacts));
     let gradient = if wild { dice.uniform(0.25, 0.8) } else { dice.uniform(0.01, 0.08) };
     let mut backdrop = Backdrop { sky_adu, gradient, gradient_angle: dice.angle(), ..Backdrop::default() };
-    backdrop.spots = draw_spots(7, &mut spec.camera_dice(Purpose::Sky), width, height);
+    backdrop.dimming.spots = draw_spots(7, &mut spec.camera_dice(Purpose::Sky), width, height);
     if !wild {
         return backdrop;
     }
-    backdrop.spots.extend(draw_spots(6, dice, width, height));
-    backdrop.vignetting = dice.uniform(0.1, 0.4);
+    backdrop.dimming.spots.extend(draw_spots(6, dice, width, height));
+    backdrop.dimming.vignetting = dice.uniform(0.1, 0.4);
     for _ in 0..dice.count(1, 2) {
         backdrop.glows.push(draw_glow(dice, sky_adu, width, height));
     }

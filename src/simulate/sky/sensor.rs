@@ -2,6 +2,7 @@
 #![allow(clippy::indexing_slicing, reason = "image kernels: every index is cut to the frame just before")]
 
 use super::random::Dice;
+use crate::sky::{Kernel, with_vectors};
 
 /// A sensor and its read-out, for the co-added frame as it is written.
 #[derive(Debug, Clone)]
@@ -104,17 +105,48 @@ impl Sensor {
 
     /// Reads out: photon and read noise, bias, rounding, clipping. `light` in ADU over bias.
     pub fn read_out(&self, light: &[f32], noise: &mut Dice) -> Vec<u16> {
-        let (bias, full) = (self.bias_adu as f32, f32::from(self.full_scale_adu));
-        let per_adu = (1.0 / self.electrons_per_adu) as f32;
-        let read = ((self.read_noise_e / self.electrons_per_adu).powi(2)) as f32;
-        light
-            .iter()
-            .map(|&light| {
-                let sigma = (light.max(0.0) * per_adu + read).sqrt();
-                (light + bias + sigma * noise.normal() as f32).round().clamp(0.0, full) as u16
-            })
-            .collect()
+        let mut pixels = vec![0; light.len()];
+        let mut draws = [0.0f32; DRAWS];
+        for (light, pixels) in light.chunks(DRAWS).zip(pixels.chunks_mut(DRAWS)) {
+            draws.iter_mut().zip(light).for_each(|(draw, _)| *draw = noise.normal() as f32);
+            with_vectors(ReadOut { sensor: self, light, draws: &draws, pixels });
+        }
+        pixels
     }
+}
+
+/// Pixels whose noise is drawn at a time.
+const DRAWS: usize = 1024;
+
+/// Reads pixels out whose noise is drawn.
+struct ReadOut<'a> {
+    sensor: &'a Sensor,
+    light: &'a [f32],
+    draws: &'a [f32; DRAWS],
+    pixels: &'a mut [u16],
+}
+
+impl Kernel for ReadOut<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { sensor, light, draws, pixels } = self;
+        let (bias, full) = (sensor.bias_adu as f32, f32::from(sensor.full_scale_adu));
+        let per_adu = (1.0 / sensor.electrons_per_adu) as f32;
+        let read = ((sensor.read_noise_e / sensor.electrons_per_adu).powi(2)) as f32;
+        for ((pixel, &light), &draw) in pixels.iter_mut().zip(light).zip(draws) {
+            let sigma = (light.max(0.0) * per_adu + read).sqrt();
+            *pixel = round((light + bias + sigma * draw).clamp(0.0, full));
+        }
+    }
+}
+
+/// A value of 0 to 65535, rounded as [`f32::round`] does it, which is a call for every pixel.
+#[inline(always)]
+fn round(value: f32) -> u16 {
+    let whole = value as i32;
+    (whole + i32::from(value - whole as f32 >= 0.5)) as u16
 }
 
 /// Fills wells along a way with charge.
@@ -179,6 +211,14 @@ mod tests {
             let expected = light / 24.0 + (30.0f64 / 24.0).powi(2) + 1.0 / 12.0;
             assert!((mean - light - 100.0).abs() < 0.1, "{mean}");
             assert!((variance / expected - 1.0).abs() < 0.02, "{variance} against {expected}");
+        }
+    }
+
+    #[test]
+    fn values_are_rounded_as_everywhere() {
+        let (near, at_half) = (0.5f32.next_down(), [0.5f32, 1.5, 2.5, 16_382.5, 65_534.5]);
+        for value in at_half.into_iter().flat_map(|half| [half.next_down(), half, half.next_up()]).chain([0.0, near, 65_535.0]) {
+            assert_eq!(round(value), value.round() as u16, "{value}");
         }
     }
 

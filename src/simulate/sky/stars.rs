@@ -124,7 +124,7 @@ pub(super) fn judge(spec: &RenderSpec, scene: &Scene, catalogue: &Catalogue, ima
     let (width, height) = (spec.width, spec.height);
     let sensor = &scene.sensor;
     let full = sensor.full_scale_adu;
-    let clipped_fraction = pixels.iter().filter(|&&pixel| pixel >= full).count() as f64 / pixels.len().max(1) as f64;
+    let clipped_fraction = clipped(pixels, full) as f64 / pixels.len().max(1) as f64;
     let mut stars: Vec<TrueStar> = images
         .iter()
         .filter_map(|image| {
@@ -147,7 +147,7 @@ pub(super) fn judge(spec: &RenderSpec, scene: &Scene, catalogue: &Catalogue, ima
         let light = Light { psf: &scene.psf, stamp: &image.stamp, path: &image.path, flux_adu, sky_adu };
         Some((catalogue.stars.get(image.star)?.direction_after(years), light.information(sensor)))
     });
-    let photon_bound = if scene.stars { photon_bound(scene, informed) } else { None };
+    let photon_bound = if scene.stars && spec.photon_bound { photon_bound(scene, informed) } else { None };
     let stars_over_snr5 = stars.iter().filter(|star| star.snr > MUST_SNR && !star.clipped).count();
     Truth {
         kind: spec.kind,
@@ -169,6 +169,14 @@ pub(super) fn judge(spec: &RenderSpec, scene: &Scene, catalogue: &Catalogue, ima
         noise_adu: sensor.noise_adu(scene.backdrop.sky_adu),
         stars,
     }
+}
+
+/// Pixels that are clipped.
+fn clipped(pixels: &[u16], full: u16) -> usize {
+    /// So many are counted in the width of a pixel, which makes a vector of it.
+    const RUN: usize = 4096;
+    let in_run = |run: &[u16]| usize::from(run.iter().map(|&pixel| u16::from(pixel >= full)).sum::<u16>());
+    pixels.chunks(RUN).map(in_run).sum()
 }
 
 /// Whether a pixel that gets a good part of the star's light is clipped.

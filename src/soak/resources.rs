@@ -1,0 +1,122 @@
+//! What the process holds of the machine: memory, threads and files, over a flight. None may grow.
+
+use std::time::Duration;
+
+/// What is held at a time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Held {
+    /// Time flown.
+    pub at: Duration,
+    /// Resident memory, KiB.
+    pub resident_kib: u64,
+    /// Threads.
+    pub threads: u64,
+    /// Open descriptors.
+    pub descriptors: u64,
+}
+
+/// Most by which the end of a flight may hold more than the time after its beginning.
+const GROWTH: f64 = 0.05;
+/// The beginning, in which memory is taken for good, and then as long a time, whose median the end is compared with: a day of the
+/// eleven, a quarter of a flight of less than four.
+const WINDOW: Duration = Duration::from_secs(86_400);
+/// Samples that a median must be of.
+const ENOUGH: usize = 6;
+
+impl Held {
+    /// What this process holds now; `None` where the system does not say.
+    pub fn now(at: Duration) -> Option<Self> {
+        let status = std::fs::read_to_string("/proc/self/status").ok()?;
+        let value = |name: &str| {
+            let line = status.lines().find_map(|line| line.strip_prefix(name))?;
+            line.trim_start_matches(':').split_whitespace().next()?.parse().ok()
+        };
+        // One of them is that of the directory itself.
+        let descriptors = (std::fs::read_dir("/proc/self/fd").ok()?.count() as u64).saturating_sub(1);
+        Some(Self { at, resident_kib: value("VmRSS")?, threads: value("Threads")?, descriptors })
+    }
+}
+
+/// One quantity over a flight.
+struct Course {
+    name: &'static str,
+    unit: &'static str,
+    /// After the beginning, and at the end: medians.
+    early: f64,
+    late: f64,
+    most: f64,
+    /// A step of the quantity itself, which is no growth.
+    step: f64,
+}
+
+/// The courses of a flight, in words, and what has grown; no words where a flight is too short for them.
+pub fn judge(samples: &[Held]) -> (Vec<String>, Vec<String>) {
+    let Some(flown) = samples.last().map(|last| last.at) else { return (Vec::new(), Vec::new()) };
+    let window = WINDOW.min(flown / 4);
+    let within = |from: Duration, to: Duration| samples.iter().filter(move |held| held.at > from && held.at <= to);
+    let (early, late) = (within(window, window * 2), within(flown - window, flown));
+    if early.clone().count().min(late.clone().count()) < ENOUGH {
+        return (Vec::new(), Vec::new());
+    }
+    let course = |name, unit, step, of: fn(&Held) -> f64| Course {
+        name,
+        unit,
+        early: median(early.clone().map(of).collect()),
+        late: median(late.clone().map(of).collect()),
+        most: samples.iter().map(of).fold(0.0, f64::max),
+        step,
+    };
+    let courses = [
+        course("resident memory", " MiB", 0.0, |held| held.resident_kib as f64 / 1024.0),
+        course("threads", "", 1.0, |held| held.threads as f64),
+        course("descriptors", "", 1.0, |held| held.descriptors as f64),
+    ];
+    let hours = window.as_secs_f64() / 3600.0;
+    let words = |course: &Course| {
+        let Course { name, unit, early, late, most, .. } = course;
+        format!("{name}: {early:.0}{unit} in the second {hours:.1} h, {late:.0}{unit} in the last, {most:.0}{unit} at most")
+    };
+    let grown = |course: &&Course| course.late > (course.early * (1.0 + GROWTH)).max(course.early + course.step);
+    (courses.iter().map(words).collect(), courses.iter().filter(grown).map(words).collect())
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flight(hours: u64, resident_kib: impl Fn(u64) -> u64) -> Vec<Held> {
+        let hour = |hour| Held {
+            at: Duration::from_secs(3600 * hour),
+            resident_kib: resident_kib(hour),
+            // A thread more or less is chance.
+            threads: 5 + hour / 200,
+            descriptors: 12,
+        };
+        (1..=hours).map(hour).collect()
+    }
+
+    #[test]
+    fn what_this_process_holds_can_be_read() {
+        let held = Held::now(Duration::ZERO).unwrap();
+        assert!(held.resident_kib > 1000 && held.threads >= 1 && held.descriptors >= 3, "{held:?}");
+    }
+
+    #[test]
+    fn growth_after_the_first_day_is_found_and_what_is_taken_in_it_is_none() {
+        let (words, grown) = judge(&flight(264, |hour| if hour < 20 { 50_000 } else { 250_000 + 100 * (hour % 7) }));
+        assert_eq!((words.len(), grown.len()), (3, 0), "{words:?} {grown:?}");
+        assert!(words[0].starts_with("resident memory: 244 MiB in the second 24.0 h"), "{words:?}");
+        let (_, grown) = judge(&flight(264, |hour| 250_000 + 60 * hour));
+        assert_eq!(grown.len(), 1, "{grown:?}");
+    }
+
+    #[test]
+    fn a_flight_too_short_to_tell_is_not_judged() {
+        assert_eq!(judge(&flight(20, |hour| 1000 * hour)), (Vec::new(), Vec::new()));
+    }
+}
