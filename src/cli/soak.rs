@@ -30,7 +30,11 @@ pub struct Args {
     /// In real time, over TCP; otherwise on a clock that jumps
     #[arg(long)]
     real: bool,
-    /// Where records and what outlasts a restart are kept [default: a directory that is removed at the end]
+    /// UTC is the machine's, which others may set meanwhile; otherwise it is made up, and jumps
+    #[arg(long)]
+    machine_clock: bool,
+    /// Where records and what outlasts a restart are kept; a small disk of its own is filled now and then [default: a directory that is
+    /// removed at the end]
     #[arg(long, value_name = "DIR")]
     directory: Option<PathBuf>,
     #[command(flatten)]
@@ -49,8 +53,8 @@ impl Args {
         let own = std::env::temp_dir().join(format!("stars-soak-{}", std::process::id()));
         let directory = self.directory.clone().unwrap_or_else(|| own.clone());
         std::fs::create_dir_all(&directory).with_context(|| directory.display().to_string())?;
-        let (seed, duration, every, real) = (self.seed, self.duration, self.every, self.real);
-        let plan = Plan { seed, duration, every, real, directory };
+        let Self { seed, duration, every, real, machine_clock, .. } = self;
+        let plan = Plan { seed, duration, every, real, directory, machine_clock };
         let runtime = if real { runtime()? } else { jumping()? };
         let flown = runtime.block_on(fly(plan, &settings, |progress| {
             // Progress is a courtesy: a closed stdout ends nothing here, and the report at the end says so.

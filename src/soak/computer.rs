@@ -3,7 +3,7 @@
 use super::account::{Account, POISON_COUNTS, POISON_TIMEOUT_S};
 use super::schedule::{Class, Fault};
 use crate::command::{Act, Command, Slot};
-use crate::service::{Codec, LinkError, SimulatedUtc};
+use crate::service::{Codec, LinkError, SimulatedUtc, utc_now};
 use crate::simulate::FlightComputer;
 use crate::sky::{ClockQuality, Observer, Utc};
 use crate::wire::{CommandReply, CommandSlot, Commands, EquatorialEstimate, List, Message, SLOTS, Update};
@@ -135,7 +135,8 @@ pub struct Computer {
     pub handle: Handle,
     pub account: Account,
     pub connect: Connect,
-    pub utc: &'static SimulatedUtc,
+    /// `None`: the machine's.
+    pub utc: Option<&'static SimulatedUtc>,
     pub observer: Observer,
     pub seed: u64,
 }
@@ -276,8 +277,12 @@ impl Computer {
             let (ra_deg, dec_deg) = (life.random.random_range(0.0..360.0), life.random.random_range(-90.0..90.0));
             life.machine.equatorial = Some(EquatorialEstimate { ra_deg, dec_deg });
         }
-        let unix_s = if handle.lasts(Class::ComputerClock) { Some(0.0) } else { self.utc.unix_s() };
-        let mut status = life.machine.status(uptime, (unix_s.and_then(Utc::from_unix), ClockQuality::FreeRunning));
+        let utc = match self.utc {
+            _ if handle.lasts(Class::ComputerClock) => Utc::from_unix(0.0),
+            Some(simulated) => simulated.unix_s().and_then(Utc::from_unix),
+            None => utc_now().0,
+        };
+        let mut status = life.machine.status(uptime, (utc, ClockQuality::FreeRunning));
         if handle.lasts(Class::UptimeBackwards) || self.struck(Class::UptimeBackwards).is_some() {
             status.uptime_s = life.random.random_range(0.0..uptime.as_secs_f64().max(0.1));
         }

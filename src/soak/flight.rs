@@ -15,6 +15,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rustix::time::{ClockId, clock_gettime};
 use std::collections::BTreeMap;
+use std::io::Write as _;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -34,8 +35,33 @@ pub struct Plan {
     pub every: Duration,
     /// Whether time is real; otherwise the clock of the runtime must be paused.
     pub real: bool,
-    /// Where records and what outlasts a restart are kept.
+    /// Where records and what outlasts a restart are kept. Where that is a small disk of its own it is filled now and then.
     pub directory: PathBuf,
+    /// Whether UTC is the machine's, which others may set; otherwise it is made up, and jumps.
+    pub machine_clock: bool,
+}
+
+impl Plan {
+    /// What can go wrong in it.
+    fn classes(&self) -> Vec<Class> {
+        let can_be = |class: &Class| match class {
+            Class::DiskFull => is_small(&self.directory),
+            Class::UtcJumps => !self.machine_clock,
+            _ => true,
+        };
+        Class::ALL.into_iter().filter(can_be).collect()
+    }
+}
+
+/// A disk of up to this size may be filled, bytes.
+const SMALL_DISK: u64 = 256 << 20;
+/// What fills it: name, and the bytes that are written at a time.
+const BALLAST: &str = "ballast";
+const BALLAST_STEP: usize = 64 << 10;
+
+/// Whether a directory's disk is one that may be filled.
+fn is_small(directory: &Path) -> bool {
+    rustix::fs::statvfs(directory).is_ok_and(|disk| disk.f_blocks.saturating_mul(disk.f_frsize) <= SMALL_DISK)
 }
 
 /// How far a flight has come.
@@ -69,8 +95,9 @@ const DISTURBED_AFTER: Duration = Duration::from_secs(60);
 /// A clock of 2026-12-20, and by how much it jumps at most, s: thirty years.
 const UNIX_S: f64 = 1_797_724_800.0;
 const JUMP_S: f64 = 30.0 * 365.25 * 86_400.0;
-/// Time between frames, s: the flight's own.
+/// Time between frames, s: the flight's own, and one that is quicker where time is real.
 const PERIOD_S: f64 = 40.0;
+const REAL_PERIOD_S: f64 = 5.0;
 /// Time between readings of the sensors, s: each takes a thread, and a flight has two million.
 const SENSORS_S: f64 = 5.0;
 /// One run of the service in so many has quick frames, from the one of this number on; and the time between them, s.
@@ -90,7 +117,8 @@ struct Soak {
     faults: Faults,
     charger: Charger,
     account: Account,
-    utc: &'static SimulatedUtc,
+    /// `None`: the machine's.
+    utc: Option<&'static SimulatedUtc>,
     handles: [Handle; 2],
     /// How the service is entered, while it runs.
     door: Arc<Mutex<Option<Door>>>,
@@ -114,7 +142,7 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
         faults: Faults::default(),
         charger: if plan.real { Charger::of_real_time() } else { Charger::of_paused_clock() },
         account: Account::default(),
-        utc: SimulatedUtc::begin(UNIX_S),
+        utc: (!plan.machine_clock).then(|| SimulatedUtc::begin(UNIX_S)),
         handles: [Handle::new(), Handle::new()],
         door: Arc::default(),
         settings,
@@ -126,8 +154,9 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
     soak.computers().into_iter().for_each(|computer| drop(tasks.spawn(computer.fly())));
     tasks.spawn(watch_each_other(soak.handles.clone()));
     tasks.spawn(ground(soak.handles.clone(), soak.account.clone(), soak.plan.seed));
-    let mut faults = schedule(soak.plan.seed, soak.plan.duration, soak.plan.every).into_iter().peekable();
-    let mut counts: BTreeMap<Class, u32> = BTreeMap::new();
+    let classes = soak.plan.classes();
+    let mut faults = schedule(soak.plan.seed, soak.plan.duration, soak.plan.every, &classes).into_iter().peekable();
+    let mut counts: BTreeMap<Class, u32> = classes.iter().map(|class| (*class, 0)).collect();
     let mut words = Tick::ZERO;
     let mut samples: Vec<Held> = Vec::new();
     let mut progress = interval(if soak.plan.real { LOOKS.1 } else { LOOKS.0 });
@@ -179,7 +208,7 @@ fn adapted(settings: &Settings, plan: &Plan) -> Settings {
     let mut settings = settings.clone();
     settings.camera.kind = CameraKind::Sky;
     settings.camera.startup_delay_s = 0.0;
-    settings.camera.period_s = PERIOD_S;
+    settings.camera.period_s = if plan.real { REAL_PERIOD_S } else { PERIOD_S };
     settings.housekeeping.period_s = SENSORS_S;
     settings.lens.kind = LensKind::Simulated;
     settings.lens.simulated.start_counts = BEST_COUNTS;
@@ -206,7 +235,7 @@ impl Soak {
         };
         let address = self.settings.network.listen.clone();
         let socket = TcpListener::bind(&address).await.map_err(|error| StartError::Listen { address, error })?;
-        let doors = Doors { utc: Some(self.utc), ..Doors::from(socket) };
+        let doors = Doors { utc: self.utc, ..Doors::from(socket) };
         self.account.begin_run();
         let running = start_with(settings, parts, doors)?;
         self.account.begun_run(running.clock.boot_id(), running.state.borrow().settings.solver.timeout_s);
@@ -227,7 +256,7 @@ impl Soak {
 
     async fn end(&self, running: Running, watcher: JoinHandle<()>, words: &mut Tick) {
         // What waits for a dead disk would be lost with the run: whoever ends it waits until the disk has it.
-        let is_dead = || Path::new(&self.settings.record.directory).is_file();
+        let is_dead = || Path::new(&self.settings.record.directory).is_file() || self.plan.directory.join(BALLAST).exists();
         if is_dead() {
             while is_dead() {
                 sleep(Duration::from_secs(1)).await;
@@ -322,7 +351,13 @@ impl Soak {
                 self.handles.iter().for_each(|handle| handle.disturb(until + DISTURBED_AFTER));
                 drop(tasks.spawn(spoil(PathBuf::from(&self.settings.commands.ledger_directory), until)));
             }
-            Class::UtcJumps => drop(tasks.spawn(jump(self.utc, fault.seed, until))),
+            Class::DiskFull => {
+                self.handles.iter().for_each(|handle| handle.disturb(until + DISTURBED_AFTER));
+                drop(tasks.spawn(fill(self.plan.directory.join(BALLAST), until)));
+            }
+            Class::UtcJumps => {
+                self.utc.into_iter().for_each(|utc| drop(tasks.spawn(jump(utc, fault.seed, until))));
+            }
             Class::Strangers => drop(tasks.spawn(strangers(self.connect(9), self.settings.network.max_connections, until))),
             Class::BothClaim | Class::NeitherClaims | Class::ClaimFlickers => {
                 for handle in &self.handles {
@@ -391,6 +426,21 @@ async fn spoil(directory: PathBuf, until: Instant) {
     sleep_until(until).await;
     let _ = std::fs::remove_file(&directory);
     put(&aside, &directory);
+}
+
+/// A file takes all of the disk that is free.
+async fn fill(ballast: PathBuf, until: Instant) {
+    let path = ballast.clone();
+    let filled = tokio::task::spawn_blocking(move || {
+        // It ends where the disk does.
+        let mut file = std::fs::File::create(path)?;
+        loop {
+            file.write_all(&[0; BALLAST_STEP])?;
+        }
+    });
+    let _: Result<std::io::Result<()>, _> = filled.await;
+    sleep_until(until).await;
+    let _ = std::fs::remove_file(ballast);
 }
 
 /// UTC jumps, or is lost, and comes back.

@@ -45,9 +45,7 @@ impl Report {
 
     /// The flight, and what went wrong in it as the schedule wanted.
     fn tell_faults(&mut self, plan: &Plan, flown: Duration, faults: &BTreeMap<Class, u32>) {
-        let (total, least) =
-            (faults.values().sum::<u32>(), Class::ALL.iter().map(|class| faults.get(class).copied().unwrap_or(0)));
-        let least = least.min().unwrap_or(0);
+        let (total, least) = (faults.values().sum::<u32>(), faults.values().min().copied().unwrap_or(0));
         self.line(&format!(
             "seed {}: {:.2} days flown, {total} faults of {} classes, each {least} times or more",
             plan.seed,

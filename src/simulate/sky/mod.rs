@@ -229,7 +229,9 @@ pub fn render_with(spec: &RenderSpec, catalogue: &Catalogue, flat: &mut FlatFiel
                 sensor.overflow(&mut light, width);
             }
             let mut pixels = sensor.read_out(&light, &mut spec.dice(Purpose::Noise));
-            pixels.iter_mut().for_each(|pixel| *pixel -= *pixel % scene.step_adu);
+            if scene.step_adu > 1 {
+                pixels.iter_mut().for_each(|pixel| *pixel -= *pixel % scene.step_adu);
+            }
             pixels
         }
     };
