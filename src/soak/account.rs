@@ -1,7 +1,8 @@
 //! The account: what was due and what came, from both sides, so that nothing can be lost or made up unseen.
 
+use super::images::NEWEST;
 use crate::command::{Command, Stage};
-use crate::service::State;
+use crate::service::{Disk, ImageCounters, Shed, State};
 use crate::simulate::Judged;
 use crate::sky::Attitude;
 use crate::solve::Reason;
@@ -33,6 +34,14 @@ pub struct Book {
     pub records_lost: u32,
     /// Frames that a newer one replaced before their turn.
     pub skipped: u32,
+    /// Images kept on disk, not kept, and kept earlier and gone to make room.
+    pub images: ImageCounters,
+    /// Images that should be on disk and are not, in words.
+    pub images_missing: Vec<String>,
+    /// A disk has been dead or full, or images were shed, in this run.
+    excused: bool,
+    /// Images that could not be read, by run.
+    unreadable: BTreeSet<u32>,
     /// Images seen in updates: solved, not solved, wrongly solved.
     pub solved: u32,
     /// See there.
@@ -98,7 +107,19 @@ impl Account {
 
     /// The service is to start: images are numbered anew.
     pub fn begin_run(&self) {
-        self.book().runs += 1;
+        let mut book = self.book();
+        book.runs += 1;
+        book.unreadable.clear();
+    }
+
+    /// The disk for images takes none for a while.
+    pub fn disk_dies(&self) {
+        self.book().excused = true;
+    }
+
+    /// An image cannot be read: there is nothing to keep.
+    pub fn unreadable(&self, image: u32) {
+        self.book().unreadable.insert(image);
     }
 
     /// It has started: its boot, and its settings as they are.
@@ -109,9 +130,10 @@ impl Account {
         book.timeout = Some(key(timeout_s));
     }
 
-    /// The service ends: what it counted.
-    pub fn end_run(&self, state: &State) {
+    /// The service has ended: what it counted, and which images of this run are on disk.
+    pub fn end_run(&self, state: &State, on_disk: &BTreeSet<u32>) {
         let mut book = self.book();
+        book.end_images(state, on_disk);
         book.frames += state.counters.frames_taken;
         book.records_lost += state.counters.records_lost;
         book.skipped += state.counters.frames_skipped;
@@ -206,6 +228,7 @@ impl Account {
     pub fn state(&self, state: &State) {
         let timeout_s = state.settings.solver.timeout_s;
         let mut book = self.book();
+        book.excused |= state.strain.shed() >= Shed::Images;
         if book.timeout.replace(key(timeout_s)) == Some(key(timeout_s)) {
             return;
         }
@@ -223,6 +246,25 @@ impl Account {
 }
 
 impl Book {
+    /// The images of a run that has ended: none may be missing, but for a disk that was dead or full, or a computer that was too slow.
+    fn end_images(&mut self, state: &State, on_disk: &BTreeSet<u32>) {
+        let run = state.counters.images.get(&Disk::Images).copied().unwrap_or_default();
+        let taken = state.counters.frames_taken;
+        if !std::mem::take(&mut self.excused) {
+            let newest = taken.saturating_sub(NEWEST)..taken;
+            let missing: Vec<u32> = newest.filter(|image| !on_disk.contains(image) && !self.unreadable.contains(image)).collect();
+            if run.lost > 0 || !missing.is_empty() {
+                let number = self.runs;
+                self.images_missing.push(format!("run {number}: of {taken} frames {} were lost, missing {missing:?}", run.lost));
+            }
+        }
+        let sum = &mut self.images;
+        sum.kept += run.kept;
+        sum.lost += run.lost;
+        sum.thinned += run.thinned;
+        sum.disk_errors += run.disk_errors;
+    }
+
     /// Honest commands whose doing shows, by how often they were done: never, once, more often.
     pub fn times_run(&self) -> [usize; 3] {
         let times = self.times();

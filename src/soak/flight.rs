@@ -2,6 +2,7 @@
 
 use super::account::{Account, Book, POISON_COUNTS};
 use super::computer::{Computer, Connect, Handle, Line};
+use super::images;
 use super::instrument::{Charger, Faults, camera, solver};
 use super::report::Report;
 use super::resources::Held;
@@ -53,6 +54,11 @@ impl Plan {
     }
 }
 
+/// Bytes of a GiB, and what images may take of a disk that is not small, bytes.
+const GIB: f64 = (1_u64 << 30) as f64;
+const IMAGES_BYTES: f64 = 2e9;
+/// What images leave free, bytes: enough for the log of a flight.
+const RESERVE_BYTES: f64 = 8e6;
 /// A disk of up to this size may be filled, bytes.
 const SMALL_DISK: u64 = 256 << 20;
 /// What fills it: name, and the bytes that are written at a time.
@@ -216,6 +222,9 @@ fn adapted(settings: &Settings, plan: &Plan) -> Settings {
     settings.simulate.seed = plan.seed;
     settings.network.listen = "127.0.0.1:0".to_owned();
     settings.record.directory = within("record");
+    // Room for what else is kept, and for what fills a small disk now and then.
+    settings.record.images_limit_gib = if is_small(&plan.directory) { 0.75 * SMALL_DISK as f64 } else { IMAGES_BYTES } / GIB;
+    settings.record.reserve_gib = RESERVE_BYTES / GIB;
     settings.commands.ledger_directory = within("state");
     settings
 }
@@ -266,12 +275,14 @@ impl Soak {
         self.look_at_the_lens(words);
         *self.door.lock().unwrap_or_else(PoisonError::into_inner) = None;
         self.handles.iter().for_each(|handle| handle.disturb(Instant::now() + DISTURBED_AFTER));
-        let state = running.state.clone();
+        let (state, running_boot) = (running.state.clone(), running.clock.boot_id());
         running.stop().await;
         // It has seen the last state by now, or will see no other.
         sleep(Duration::from_millis(10)).await;
         watcher.abort();
-        self.account.end_run(&state.borrow());
+        let (directory, boot) = (self.settings.record.image_directories(), running_boot);
+        let on_disk = directory.first().map(|(_, directory)| images::of_run(directory, boot)).unwrap_or_default();
+        self.account.end_run(&state.borrow(), &on_disk);
     }
 
     /// Whether the lens was sent where no honest command sends it.
@@ -346,12 +357,16 @@ impl Soak {
             | Class::SolverPanics
             | Class::SolverHangs
             | Class::SolverSlow => self.faults.begin(fault.class, until),
-            Class::RecordDiskDead => drop(tasks.spawn(spoil(PathBuf::from(&self.settings.record.directory), until))),
+            Class::RecordDiskDead => {
+                self.account.disk_dies();
+                drop(tasks.spawn(spoil(PathBuf::from(&self.settings.record.directory), until)));
+            }
             Class::LedgerDiskDead => {
                 self.handles.iter().for_each(|handle| handle.disturb(until + DISTURBED_AFTER));
                 drop(tasks.spawn(spoil(PathBuf::from(&self.settings.commands.ledger_directory), until)));
             }
             Class::DiskFull => {
+                self.account.disk_dies();
                 self.handles.iter().for_each(|handle| handle.disturb(until + DISTURBED_AFTER));
                 drop(tasks.spawn(fill(self.plan.directory.join(BALLAST), until)));
             }

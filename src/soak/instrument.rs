@@ -125,9 +125,11 @@ pub fn camera(
                 return Err(CameraError::Unavailable("soak: it is gone".to_owned()));
             }
             if self.faults.strikes(Class::ImageUnreadable) {
+                self.account.unreadable(image);
                 return Err(CameraError::Unreadable { origin: format!("soak-{image}"), problem: "it is torn".to_owned() });
             }
             if self.faults.strikes(Class::CameraPanics) {
+                self.account.unreadable(image);
                 break_off("soak: the driver breaks");
             }
             let sky = if self.faults.lasts(Class::FalseSky) { &mut self.false_sky } else { &mut self.sky };

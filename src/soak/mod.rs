@@ -8,6 +8,7 @@
 mod account;
 mod computer;
 mod flight;
+mod images;
 mod instrument;
 mod report;
 mod resources;

@@ -2,8 +2,10 @@
 
 use super::account::{Book, GAPS_MS};
 use super::flight::Plan;
+use super::images;
 use super::resources::{Held, judge};
 use super::schedule::Class;
+use crate::service::ImageCounters;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -89,6 +91,15 @@ impl Report {
             .into_iter()
             .collect();
         self.want("an outcome kept of every frame", &lost);
+        let (files, bytes, broken) = images::judge(&plan.directory.join("record").join("images"));
+        let ImageCounters { kept, lost, thinned, disk_errors } = book.images;
+        self.line(&format!(
+            "images: {kept} kept, {lost} not, their disk dead or full ({disk_errors} errors) or the computer too slow, {thinned} gone to make room; \
+             {files} files of {:.2} GB at the end",
+            bytes as f64 / 1e9
+        ));
+        self.want("every image kept while its disk took any, the newest of each run there", &book.images_missing);
+        self.want("every image on disk whole, under its checksum", &broken);
         let some = |what: &str, count: u64| (count == 0).then(|| format!("no {what}"));
         let nothing: Vec<String> =
             [some("frame", frames.into()), some("solution", book.solved.into()), some("update", book.updates)]

@@ -1,0 +1,45 @@
+//! What is on the disk for images: what must be there, and whether all of it is whole.
+
+use crate::image::{checksum_holds, read};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// The newest images of a run, which no rule of thinning takes: some fewer than are spared.
+pub const NEWEST: u32 = 40;
+
+/// The files under a directory of days.
+fn files(directory: &Path) -> Vec<PathBuf> {
+    let within = |directory: &Path| std::fs::read_dir(directory).into_iter().flatten().flatten().map(|entry| entry.path());
+    within(directory).filter(|day| day.is_dir()).flat_map(|day| within(&day).collect::<Vec<_>>()).collect()
+}
+
+/// The numbers of the images that are there of a run of the service, by the number of its start, which is part of their names.
+pub fn of_run(directory: &Path, boot: u32) -> BTreeSet<u32> {
+    let (boot, files) = (format!("{boot:08x}"), files(directory));
+    let number = |file: &PathBuf| {
+        let mut parts = file.file_stem()?.to_str()?.rsplit('-');
+        let number = parts.next()?.parse().ok()?;
+        (parts.next()? == boot).then_some(number)
+    };
+    files.iter().filter_map(number).collect()
+}
+
+/// How many files there are, what they take, bytes, and which of them are not whole images, in words.
+pub fn judge(directory: &Path) -> (usize, u64, Vec<String>) {
+    let (files, mut bytes, mut broken) = (files(directory), 0, Vec::new());
+    for file in &files {
+        let name = file.display();
+        match std::fs::read(file) {
+            Err(error) => broken.push(format!("{name}: {error}")),
+            Ok(content) => {
+                bytes += content.len() as u64;
+                if checksum_holds(&content) != Some(true) {
+                    broken.push(format!("{name}: its checksum does not hold"));
+                } else if let Err(error) = read(&name.to_string(), &content) {
+                    broken.push(error.to_string());
+                }
+            }
+        }
+    }
+    (files.len(), bytes, broken)
+}
