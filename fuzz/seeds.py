@@ -69,6 +69,11 @@ def main():
         put("lens_reply", f"line{n}", line)
     talk = b"\x07s:1.0\r" + b"\x01" + b"fmin:0  fmax:9  current:5\r" * 4 + b"0,f0\r" * 4 + b"\x02fmin:0  fmax:9  current:5\r" * 2
     put("lens_reply", "talk", talk)
+    put("kept", "nothing", bytes(40))
+    for n, text in enumerate([b"lens.set_focus 3030", b"arm focus.run", b"solver.configure 1 20.5", b"file:/sys/a *0.001 +2",
+                              b"2012-12-30--08-27-56--625_p1.fits", b"11d", b"command:/bin/echo 7", b"0123456789abcdef" * 4]):
+        put("texts", f"text{n}", text)
+    put("legacy", "counter", bytes([30, 0, 0]) + bytes(61) * 3)
     for source in (PROJECT / "config").glob("*.toml"):
         put("settings", source.name, source.name[:1].encode() + source.read_bytes())
     put("settings", "assignment", b"ssolver.matching.min_matched=6")

@@ -9,6 +9,7 @@ mod config;
 mod demo;
 mod fcp;
 mod font;
+mod memory;
 mod overlay;
 mod render;
 mod run;
@@ -69,6 +70,7 @@ pub const WRONG: u8 = 2;
 
 /// Runs the program: 0 on success, 1 where the answer is negative, 2 where the call or a file is wrong.
 pub fn main() -> ExitCode {
+    memory::give_back_what_is_large();
     match Cli::try_parse() {
         Ok(cli) => cli.command.run().unwrap_or_else(|error| refuse(&format!("{error:#}"))),
         Err(error) => usage(&error),

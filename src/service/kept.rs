@@ -4,6 +4,7 @@
 //! It is small, and written whole each time that any of it changes; see [`super::ledger`] for when, and [`super::twin`] for how.
 
 use super::state::State;
+use super::twin;
 use crate::command::{self, Answer, Command, Epoch, Memory};
 use crate::lens::autofocus::Learned;
 use crate::lens::{Doubt, FocusKept, Known};
@@ -29,6 +30,11 @@ pub struct Kept {
 }
 
 impl Kept {
+    /// What one of the two files has; `None` where it is damaged.
+    pub fn from_file(bytes: &[u8]) -> Option<Self> {
+        twin::decode(bytes).map(|(_, kept)| kept)
+    }
+
     /// What of the state is to be kept.
     pub fn of(state: &State, learned: Learned) -> Self {
         Self {

@@ -15,6 +15,7 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::time::Instant;
 use tokio_util::task::TaskTracker;
 use tracing::{Instrument, Span};
 
@@ -124,6 +125,11 @@ pub async fn next_connection(socket: &TcpListener, shared: &Shared, pulse: &Puls
         };
         match accepted {
             Ok((stream, address)) => {
+                let too_often = shared.visitors.enter(address.ip(), Instant::now());
+                if too_often > 0 {
+                    turn_away_visitor(shared, address, too_often);
+                    continue;
+                }
                 if let Err(error) = tune(&stream, shared.settings.network.silence_s) {
                     tracing::warn!(%address, %error, "socket options");
                 }
@@ -136,6 +142,15 @@ pub async fn next_connection(socket: &TcpListener, shared: &Shared, pulse: &Puls
             }
         }
     }
+}
+
+/// Closes a connection of an address that comes too often; the log says so once a second.
+fn turn_away_visitor(shared: &Shared, address: SocketAddr, too_often: u32) {
+    if too_often == 1 {
+        tracing::warn!(%address, "connects too often: turned away for the rest of this second");
+    }
+    // It has no number, and a flood of them must not fill the hub's inbox.
+    shared.hub.try_tell(ToHub::Closed { connection: 0, why: Closed::TooOften });
 }
 
 /// Lets a session run to its end, and tells the hub where it broke. Its place is free from then on.

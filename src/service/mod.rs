@@ -60,6 +60,7 @@ mod supervisor;
 mod told;
 mod twin;
 mod update;
+mod visitors;
 
 pub use camera::MakeSource;
 pub use clock::{Clock, SimulatedUtc, utc_now};
@@ -68,6 +69,7 @@ pub use file::{FileError, read_file};
 pub use flight_computer::{STATUS_PERIOD, Seen, Sighting, fly};
 pub use housekeeping::{Measurements, Quantity, Reading, SensorError, is_simulated, read_once};
 pub use index::{IndexOrigin, Prepared, prepare};
+pub use kept::Kept;
 pub use keys::Keys;
 pub use lens::{Handle as LensHandle, LensAlone, SimulatedLens, ToLens};
 pub use manager::{Inherited, LinkName, Manager};
@@ -89,7 +91,6 @@ use camera::CameraActor;
 use focus::Focus;
 use housekeeping::Housekeeper;
 use hub::Hub;
-use kept::Kept;
 use ledger::{Ledger, LedgerActor};
 use left_behind::LeftBehind;
 use legacy::LegacyListener;
@@ -113,6 +114,7 @@ use tokio::sync::{Semaphore, watch};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::{Instrument, Span};
+use visitors::Visitors;
 
 /// Messages that may wait for the hub: some seconds of everything that can happen in the ordinary way.
 const HUB_INBOX: usize = 64;
@@ -381,6 +383,7 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
         hub,
         keys,
         strangers: Strangers::default(),
+        visitors: Visitors::new(settings.network.connections_per_s),
         stop: edges.stop.clone(),
     });
     let last = links.iter().map(|(link, _)| link.connection).max().unwrap_or_default();

@@ -12,6 +12,7 @@ use super::manager::{LinkName, Manager};
 use super::state::State;
 use super::strain::LATE;
 use super::update::{self, LinkRecord};
+use super::visitors::Visitors;
 use crate::command::{BootId, FlightComputer, LEASE};
 use crate::settings::Settings;
 use crate::wire::{Hello, Message, Refusal, Refuse};
@@ -45,6 +46,8 @@ pub enum Closed {
     Replaced,
     /// All places were taken; or they were when a newer one came, and this one had not said who it is.
     TooMany,
+    /// Its address connects too often.
+    TooOften,
     /// Its address is not one that may connect.
     AddressNotAllowed,
     /// The service stops.
@@ -69,6 +72,8 @@ pub struct Shared {
     pub keys: Keys,
     /// Keeps connections open over a restart.
     pub manager: Manager,
+    /// How often each address connects.
+    pub visitors: Visitors,
     /// Who has not said hello yet.
     pub strangers: Strangers,
     /// When to end.

@@ -112,7 +112,8 @@ fn read<T: DeserializeOwned>(path: &Path) -> io::Result<Option<(u64, T)>> {
     decode(&bytes).map(Some).ok_or_else(|| io::Error::other("damaged"))
 }
 
-fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Option<(u64, T)> {
+/// The number and the value in the bytes of a file; `None` where it is damaged.
+pub(super) fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Option<(u64, T)> {
     let rest = bytes.strip_prefix(MAGIC)?;
     let (number, rest) = rest.split_first_chunk::<8>()?;
     let (length, rest) = rest.split_first_chunk::<4>()?;

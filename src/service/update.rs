@@ -106,7 +106,8 @@ pub fn camera(state: &State) -> Camera {
 fn counters(counters: &Counters, solving: bool) -> wire::Counters {
     let restarts = |actor| counters.restarts.get(&actor).copied().unwrap_or_default();
     let closed = |why| counters.closed.get(&why).copied().unwrap_or_default();
-    let of_the_peer = [Closed::BadMessage, Closed::Flood, Closed::Refused, Closed::TooMany, Closed::AddressNotAllowed];
+    let of_the_peer =
+        [Closed::BadMessage, Closed::Flood, Closed::Refused, Closed::TooMany, Closed::TooOften, Closed::AddressNotAllowed];
     wire::Counters {
         frames_taken: counters.frames_taken.into(),
         frames_solved: counters.frames_solved.into(),

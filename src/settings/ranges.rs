@@ -215,6 +215,7 @@ pub(super) const RULES: &[Rule] = &[
     number("network.update_period_s", "s", 0.05, 60.0),
     number("network.silence_s", "s", 0.1, 3600.0),
     whole("network.max_connections", "connections", 4, 64),
+    whole("network.connections_per_s", "connections/s", 1, 10_000),
     switch("legacy.enabled"),
     word("legacy.listen", Kind::Listen),
     word("legacy.peers", Kind::Peers { max: 2 }),

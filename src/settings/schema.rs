@@ -436,6 +436,8 @@ pub struct NetworkSettings {
     pub silence_s: f64,
     /// Connections held at a time.
     pub max_connections: u32,
+    /// Connections of one address in a second.
+    pub connections_per_s: u32,
 }
 
 /// Section `[legacy]`: the dialect of the program that flew, protocol version 3.

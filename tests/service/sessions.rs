@@ -230,6 +230,26 @@ async fn strangers_that_hold_all_places_give_way_to_a_flight_computer() {
 }
 
 #[tokio::test]
+async fn an_address_that_connects_again_and_again_is_turned_away_and_no_other_is() {
+    let mut settings = settings();
+    settings.network.connections_per_s = 5;
+    let running = start_without_camera(settings).await;
+    let mut first = Peer::connect(running.address).await.greet(1).await;
+    for _ in 0..200 {
+        drop(tokio::net::TcpStream::connect(running.address).await);
+    }
+    assert!(closed(&running, Closed::TooOften).await >= 1);
+    // Another computer, from an address of its own.
+    let socket = tokio::net::TcpSocket::new_v4().unwrap();
+    socket.bind("127.0.0.2:0".parse().unwrap()).unwrap();
+    let mut second = Peer::over(socket.connect(running.address).await.unwrap()).greet(2).await;
+    second.update().await;
+    first.update().await;
+    tokio::time::sleep(Duration::from_millis(1100)).await;
+    Peer::connect(running.address).await.greet(3).await.update().await;
+}
+
+#[tokio::test]
 async fn an_address_that_may_not_connect_is_turned_away() {
     let mut settings = settings();
     settings.network.peers = vec!["192.0.2.7".to_owned()];

@@ -24,6 +24,7 @@ pub const PATIENCE: Duration = Duration::from_secs(60);
 pub fn settings() -> Settings {
     let mut settings = Settings::flight().unwrap();
     settings.network.listen = "127.0.0.1:0".to_owned();
+    settings.network.connections_per_s = 10_000;
     settings.camera.startup_delay_s = 0.0;
     settings.camera.period_s = 0.2;
     settings.catalog.cache_directory = String::new();
@@ -121,7 +122,12 @@ pub enum Seen {
 impl Peer<TcpStream> {
     /// Connects by TCP, without a word yet.
     pub async fn connect(address: SocketAddr) -> Self {
-        Self::new(TcpStream::connect(address).await.unwrap())
+        Self::over(TcpStream::connect(address).await.unwrap())
+    }
+
+    /// Over a connection that is made already.
+    pub fn over(stream: TcpStream) -> Self {
+        Self::new(stream)
     }
 }
 
