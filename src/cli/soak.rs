@@ -82,7 +82,7 @@ fn line(progress: &Progress, duration: Duration) -> String {
     let rate = hours(flown) / (taken.as_secs_f64() / 60.0).max(f64::EPSILON);
     let mib = held.map_or_else(|| "?".to_owned(), |held| (held.resident_kib / 1024).to_string());
     format!(
-        "{:6.2} of {:.1} h, {rate:.1} h/min: {} solved, {} wrong; {} updates, {} late, longest gap {} ms; \
+        "{:6.2} of {:.1} h, {rate:.2} h/min: {} solved, {} wrong; {} updates, {} late, longest gap {} ms; \
          {} commands, {} lost, {} spurious; {} restarts; {mib} MiB",
         hours(flown),
         hours(&duration),

@@ -63,6 +63,8 @@ pub enum FocusKept {
     At(FocusCounts),
     /// Its counts meant nothing.
     InDoubt,
+    /// Its range was being learned anew by itself, and it was to go back here then.
+    GoingBack(FocusCounts),
 }
 
 impl<T: Copy> Known<T> {
@@ -128,6 +130,8 @@ pub struct LensState {
     pub range: Option<(FocusCounts, FocusCounts)>,
     /// Where the aperture is.
     pub aperture: Known<AperturePosition>,
+    /// Where the focus goes back to by itself once its range is learned anew.
+    pub going_back: Option<FocusCounts>,
     /// A stop stands: focus or aperture, or both, don't move by themselves until a command moves them.
     pub stopped: bool,
     /// The request or own task that is under way.
@@ -150,6 +154,7 @@ impl LensState {
             focus: Known::Unknown(doubt),
             range: None,
             aperture: Known::Unknown(doubt),
+            going_back: None,
             stopped: false,
             busy: None,
             waiting: 0,

@@ -16,8 +16,8 @@ use crate::image::{Frame, ImageCounter, Stamp};
 use crate::settings::Settings;
 use crate::solve::{Outcome, Reason};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio::time::{Instant, MissedTickBehavior};
@@ -53,6 +53,8 @@ pub struct CameraActor {
     pub numbers: Arc<AtomicU32>,
     /// The jobs that its driver has not ended.
     pub left_behind: LeftBehind,
+    /// The image that was counted and is not handed on yet; it outlives the actor, so that it ends in an outcome.
+    pub open: Arc<Mutex<Option<Stamp>>>,
     /// The newest state, for what is known of the pointing at a capture.
     pub state: watch::Receiver<Arc<State>>,
     /// What it is asked for besides frames.
@@ -79,6 +81,12 @@ struct Shot {
 impl CameraActor {
     /// Runs until stopped.
     pub async fn run(self, pulse: Pulse) -> Result<(), Ended> {
+        let left = self.open.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        if let Some(stamp) = left {
+            let outcome = Outcome::unsolved(stamp, Reason::Failed, "the camera's part of the program was started again");
+            self.hub.tell(ToHub::Finished(Box::new(Finished::without_stars(outcome, Instant::now())))).await;
+            self.set_open(None);
+        }
         let camera = &self.settings.camera;
         let first = self.clock.started() + Duration::from_secs_f64(camera.startup_delay_s);
         let mut schedule = tokio::time::interval_at(first.max(Instant::now()), Duration::from_secs_f64(camera.period_s));
@@ -153,6 +161,7 @@ impl CameraActor {
                 self.keep(&state, &frame).await;
                 let captured = Captured { frame, at, prior };
                 self.solver.send(captured).await.map_err(|_| Ended("the solver's inbox is gone".to_owned()))?;
+                self.set_open(None);
             }
             Err(CameraError::Unreadable { origin, problem }) => {
                 let mut stamp = Stamp { origin, ..Stamp::default() };
@@ -160,6 +169,7 @@ impl CameraActor {
                 self.tell(&state, CameraState::Working).await;
                 let outcome = Outcome::unsolved(stamp, Reason::Unreadable, problem);
                 self.hub.tell(ToHub::Finished(Box::new(Finished::without_stars(outcome, at)))).await;
+                self.set_open(None);
             }
             Err(none) => self.tell(&state, CameraState::Unavailable(none.to_string())).await,
         }
@@ -195,6 +205,11 @@ impl CameraActor {
         stamp.trigger = stamp.trigger.or_else(|| state.trigger());
         stamp.simulated |= state.simulated.any();
         self.hub.tell(ToHub::Captured { next }).await;
+        self.set_open(Some(stamp.clone()));
+    }
+
+    fn set_open(&self, stamp: Option<Stamp>) {
+        *self.open.lock().unwrap_or_else(PoisonError::into_inner) = stamp;
     }
 
     /// Tells how the camera is where that changed.

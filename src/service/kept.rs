@@ -70,6 +70,9 @@ impl Kept {
 
 /// What is to be kept of the focus now. Before anything was read or asked, what was kept before stands.
 pub fn focus(state: &State) -> FocusKept {
+    if let Some(to) = state.lens.going_back.filter(|_| state.lens_requests.is_empty()) {
+        return FocusKept::GoingBack(to);
+    }
     match (state.lens.focus, state.focus_known()) {
         (_, Some(at)) => FocusKept::At(at),
         (Known::Unknown(Doubt::NeverRead | Doubt::NoLens | Doubt::PortLost), _) if state.lens_requests.is_empty() => {

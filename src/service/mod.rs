@@ -74,6 +74,7 @@ pub use keys::Keys;
 pub use lens::{Handle as LensHandle, LensAlone, SimulatedLens, ToLens};
 pub use manager::{Inherited, LinkName, Manager};
 pub use parts::{Parts, PartsError, Stars, load_bad_pixels, load_catalogue, simulated_lens, simulated_sky};
+pub use pulse::Upset;
 pub use runs::Run;
 pub use session::Closed;
 pub use solver::{MakeSolver, Solve};
@@ -97,7 +98,7 @@ use legacy::LegacyListener;
 use lens::LensActor;
 use listener::Listener;
 use pulse::Pulse;
-use recorder::Recorder;
+use recorder::{Recorder, Shelf};
 use runs::{Asked, Runs};
 use session::{Shared, Strangers};
 use solver::SolverActor;
@@ -247,6 +248,12 @@ impl Running {
     pub fn hopeless(&self, limit: Duration) -> Option<Actor> {
         let pulses = self.pulses.lock().unwrap_or_else(PoisonError::into_inner);
         pulses.iter().find(|(_, pulse)| pulse.is_hopeless(limit)).map(|(actor, _)| *actor)
+    }
+
+    /// Makes an actor fail, as it never does by itself: for whoever shows that the others do not notice. Only who holds this can.
+    pub fn upset(&self, actor: Actor, how: Upset) {
+        let pulses = self.pulses.lock().unwrap_or_else(PoisonError::into_inner);
+        pulses.iter().filter(|(of, _)| *of == actor).for_each(|(_, pulse)| pulse.upset(how));
     }
 
     /// Ends the service within 2 s: no further frame, the current one aborted, the last outcome kept. Names what did not end
@@ -505,7 +512,7 @@ impl Watchman {
         let actor = Recorder {
             inbox,
             hub: self.hub.clone(),
-            file: Path::new(&record.directory).join(recorder::file_name(&self.clock)),
+            shelf: Shelf::new(Path::new(&record.directory).join(recorder::file_name(&self.clock))),
             queue: record.queue_frames as usize,
             backoff: Backoff::new(&self.settings.service),
             stop: stage.stop.clone(),
@@ -573,7 +580,7 @@ impl Watchman {
         let (to_solver, inbox) = inbox::channel(SOLVER_INBOX);
         let (hub, state, stop) = (self.hub.clone(), self.state.clone(), stage.stop.clone());
         let left_behind = LeftBehind::default();
-        let actor = SolverActor { inbox, hub, make, state, abort, left_behind, stop };
+        let actor = SolverActor { inbox, hub, make, open: Arc::default(), state, abort, left_behind, stop };
         self.keep(stage, Actor::Solver, move |pulse| actor.clone().run(pulse));
         to_solver
     }
@@ -595,6 +602,7 @@ impl Watchman {
             inbox,
             numbers: Arc::new(AtomicU32::new(0)),
             left_behind: LeftBehind::default(),
+            open: Arc::default(),
             state: self.state.clone(),
             settings: Arc::clone(&self.settings),
             clock: self.clock,

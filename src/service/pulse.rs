@@ -1,8 +1,11 @@
 //! Pulses: an actor shows that its loop comes round. One that does not is started again, and the program that has one which does not is
 //! not fit to go on: see [`super::Running::hopeless`].
 
+use super::supervisor::Ended;
+use std::pin::pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
+use tokio::sync::Notify;
 use tokio::time::{Instant, Sleep, sleep, sleep_until};
 
 /// An actor's loop comes round at least this often, whatever it waits for.
@@ -13,7 +16,13 @@ const HANGS: u32 = 3;
 
 /// The pulse of one actor.
 #[derive(Debug, Clone)]
-pub struct Pulse(Arc<Mutex<Beat>>);
+pub struct Pulse(Arc<Shared>);
+
+#[derive(Debug)]
+struct Shared {
+    beat: Mutex<Beat>,
+    upset: Notify,
+}
 
 #[derive(Debug)]
 struct Beat {
@@ -22,12 +31,26 @@ struct Beat {
     hangs: u32,
     /// It cannot work in this process any more.
     given_up: bool,
+    upset: Option<Upset>,
+}
+
+/// How an actor is made to fail, by whoever has the service in its hands and shows that the others do not notice: see
+/// [`super::Running::upset`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Upset {
+    /// It panics.
+    Panics,
+    /// It ends as if it had had an error.
+    Ends,
+    /// It waits for something that never comes, with all that it holds.
+    Hangs,
 }
 
 impl Pulse {
     /// One that beats now for the first time.
     pub fn new() -> Self {
-        Self(Arc::new(Mutex::new(Beat { last: Instant::now(), hangs: 0, given_up: false })))
+        let beat = Mutex::new(Beat { last: Instant::now(), hangs: 0, given_up: false, upset: None });
+        Self(Arc::new(Shared { beat, upset: Notify::new() }))
     }
 
     /// Beats.
@@ -42,7 +65,7 @@ impl Pulse {
     }
 
     fn lock(&self) -> MutexGuard<'_, Beat> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.beat.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn last(&self) -> Instant {
@@ -69,6 +92,37 @@ impl Pulse {
     pub fn is_hopeless(&self, limit: Duration) -> bool {
         let Beat { hangs, given_up, .. } = *self.lock();
         given_up || hangs >= HANGS || self.silence() > limit
+    }
+
+    /// Makes the actor fail where it waits next.
+    pub fn upset(&self, how: Upset) {
+        self.lock().upset = Some(how);
+        self.0.upset.notify_one();
+    }
+
+    /// Runs the actor until it ends or is upset.
+    pub async fn run(&self, actor: impl Future<Output = Result<(), Ended>>) -> Result<(), Ended> {
+        let mut actor = pin!(actor);
+        let told = async {
+            loop {
+                self.0.upset.notified().await;
+                if let Some(how) = self.lock().upset.take() {
+                    return how;
+                }
+            }
+        };
+        let how = tokio::select! {
+            biased;
+            ended = &mut actor => return ended,
+            how = told => how,
+        };
+        match how {
+            // Whoever upset it knows: the hook of panics need not tell.
+            Upset::Panics => std::panic::resume_unwind(Box::new("upset")),
+            Upset::Ends => Err(Ended("upset".to_owned())),
+            // What it holds is not dropped before it is given up.
+            Upset::Hangs => std::future::pending().await,
+        }
     }
 
     /// Ends once it has not beaten for so long.

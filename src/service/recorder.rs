@@ -14,7 +14,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio::time::Instant;
@@ -30,8 +30,8 @@ pub struct Recorder {
     pub inbox: Inbox<Arc<Finished>>,
     /// Whom to tell what was kept and what was lost.
     pub hub: hub::Handle,
-    /// The file that lines are appended to; its directory is made if it is not there.
-    pub file: PathBuf,
+    /// What is not on disk yet, and the file.
+    pub shelf: Shelf,
     /// Outcomes that may wait for the disk.
     pub queue: usize,
     /// Pauses after an error of the disk.
@@ -40,21 +40,62 @@ pub struct Recorder {
     pub stop: CancellationToken,
 }
 
+/// What is not on disk yet, and the file that it goes to. It outlives the actor, so that nothing is lost with it.
+#[derive(Clone)]
+pub struct Shelf {
+    /// Whoever writes has it.
+    log: Arc<Mutex<LogFile>>,
+    items: Arc<Mutex<Items>>,
+}
+
+#[derive(Default)]
+struct Items {
+    waiting: VecDeque<Arc<Finished>>,
+    /// What is being written.
+    under_way: Option<Arc<Finished>>,
+}
+
+impl Shelf {
+    /// Of a file that lines are appended to; its directory is made if it is not there.
+    pub fn new(file: PathBuf) -> Self {
+        Self { log: Arc::new(Mutex::new(LogFile::new(file))), items: Arc::default() }
+    }
+
+    fn items(&self) -> MutexGuard<'_, Items> {
+        // Nothing can break between two steps of a change to it.
+        self.items.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Writes the oldest outcome; whether there was one. Blocking.
+    fn write_one(&self) -> io::Result<bool> {
+        // One that broke off within a line says so itself.
+        let mut log = self.log.lock().unwrap_or_else(PoisonError::into_inner);
+        let next = {
+            let mut items = self.items();
+            let next = items.under_way.take().or_else(|| items.waiting.pop_front());
+            items.under_way.clone_from(&next);
+            next
+        };
+        let Some(finished) = next else { return Ok(false) };
+        let result = log.append(&finished);
+        let mut items = self.items();
+        items.under_way = None;
+        if result.is_err() {
+            items.waiting.push_front(finished);
+        }
+        result.map(|()| true)
+    }
+}
+
 /// The name of this start's file: the time, where there is one, and the number of the start, so that no two are the same.
 pub fn file_name(clock: &Clock) -> String {
     let time = clock.utc().0.map_or_else(|| "unset".to_owned(), |utc| utc.to_string().replace(':', "-"));
     format!("outcomes-{time}-{:08x}.jsonl", clock.boot_id())
 }
 
-/// A write under way; the log and the outcome come back from it with the result.
-type Writing = JoinHandle<(LogFile, Arc<Finished>, io::Result<()>)>;
-
 /// What the actor holds while it runs.
 struct Desk {
-    waiting: VecDeque<Arc<Finished>>,
-    /// The log file, unless a write has it.
-    log: Option<LogFile>,
-    writing: Option<Writing>,
+    writing: Option<JoinHandle<io::Result<bool>>>,
     not_before: Instant,
 }
 
@@ -63,81 +104,80 @@ impl Recorder {
     pub async fn run(mut self, pulse: Pulse) -> Result<(), Ended> {
         let inbox = self.inbox.clone();
         let mut inbox = inbox.open().await;
-        let log = Some(LogFile::new(self.file.clone()));
-        let mut desk = Desk { waiting: VecDeque::new(), log, writing: None, not_before: Instant::now() };
+        let mut desk = Desk { writing: None, not_before: Instant::now() };
         let mut ending = false;
         loop {
-            desk.write_next();
+            self.write_next(&mut desk);
             if ending && desk.writing.is_none() {
                 return Ok(());
             }
+            let waits = desk.writing.is_none() && !self.shelf.items().waiting.is_empty();
             tokio::select! {
                 biased;
                 done = async { desk.writing.as_mut()?.await.into() }, if desk.writing.is_some() => {
                     desk.writing = None;
                     let Some(done) = done else { continue };
-                    let (log, finished, result) = done.map_err(|error| Ended(panic_message(error)))?;
-                    desk.log = Some(log);
-                    self.after_write(&mut desk, finished, result).await;
+                    self.after_write(&mut desk, done.map_err(|error| Ended(panic_message(error)))?).await;
                 }
                 () = self.stop.cancelled(), if !ending => {
                     ending = true;
                     while let Ok(finished) = inbox.try_recv() {
-                        self.accept(&mut desk.waiting, finished).await;
+                        self.accept(finished).await;
                     }
                 }
-                Some(finished) = inbox.recv(), if !ending => self.accept(&mut desk.waiting, finished).await,
-                () = tokio::time::sleep_until(desk.not_before), if desk.writing.is_none() && !desk.waiting.is_empty() => {}
+                Some(finished) = inbox.recv(), if !ending => self.accept(finished).await,
+                () = tokio::time::sleep_until(desk.not_before), if waits => {}
                 () = pulse.rest() => {}
             }
         }
     }
 
-    async fn after_write(&mut self, desk: &mut Desk, finished: Arc<Finished>, result: io::Result<()>) {
+    /// Starts to write the oldest outcome, unless the disk is busy or had an error a moment ago.
+    fn write_next(&self, desk: &mut Desk) {
+        let is_free = desk.writing.is_none() && Instant::now() >= desk.not_before;
+        if is_free && !self.shelf.items().is_empty() {
+            let shelf = self.shelf.clone();
+            desk.writing = Some(tokio::task::spawn_blocking(move || shelf.write_one()));
+        }
+    }
+
+    async fn after_write(&mut self, desk: &mut Desk, result: io::Result<bool>) {
         match result {
-            Ok(()) => {
+            Ok(true) => {
                 self.backoff.reset();
                 self.hub.tell(ToHub::Recorded).await;
             }
+            Ok(false) => {}
             Err(error) => {
                 let pause = self.backoff.pause();
-                let again_in_s = pause.as_secs_f64();
-                tracing::warn!(file = %self.file.display(), %error, again_in_s, "outcome not kept yet");
+                tracing::warn!(%error, again_in_s = pause.as_secs_f64(), "outcome not kept yet");
                 desk.not_before = Instant::now() + pause;
-                desk.waiting.push_front(finished);
                 self.hub.tell(ToHub::DiskError).await;
-                self.lose_what_is_too_much(&mut desk.waiting).await;
+                self.lose_what_is_too_much().await;
             }
         }
     }
 
-    async fn accept(&self, waiting: &mut VecDeque<Arc<Finished>>, finished: Arc<Finished>) {
-        waiting.push_back(finished);
-        self.lose_what_is_too_much(waiting).await;
+    async fn accept(&self, finished: Arc<Finished>) {
+        self.shelf.items().waiting.push_back(finished);
+        self.lose_what_is_too_much().await;
     }
 
-    async fn lose_what_is_too_much(&self, waiting: &mut VecDeque<Arc<Finished>>) {
-        while waiting.len() > self.queue {
-            waiting.pop_front();
+    async fn lose_what_is_too_much(&self) {
+        while self.shelf.items().lose_one(self.queue) {
             self.hub.tell(ToHub::RecordLost).await;
         }
     }
 }
 
-impl Desk {
-    /// Starts to write the oldest outcome, unless the disk is busy or had an error a moment ago.
-    fn write_next(&mut self) {
-        if self.waiting.is_empty() || Instant::now() < self.not_before {
-            return;
-        }
-        if let Some(mut log) = self.log.take()
-            && let Some(finished) = self.waiting.pop_front()
-        {
-            self.writing = Some(tokio::task::spawn_blocking(move || {
-                let result = log.append(&finished);
-                (log, finished, result)
-            }));
-        }
+impl Items {
+    fn is_empty(&self) -> bool {
+        self.waiting.is_empty() && self.under_way.is_none()
+    }
+
+    /// Loses the oldest where more than so many wait; whether one was lost.
+    fn lose_one(&mut self, queue: usize) -> bool {
+        self.waiting.len() > queue && self.waiting.pop_front().is_some()
     }
 }
 
@@ -159,10 +199,10 @@ impl LogFile {
         let mut line = serde_json::to_string(&finished.report)?;
         line.push('\n');
         let result = self.write(&line);
-        if result.is_err() {
+        result.map_err(|error| {
             self.file = None;
-        }
-        result
+            io::Error::new(error.kind(), format!("{}: {error}", self.path.display()))
+        })
     }
 
     fn write(&mut self, line: &str) -> io::Result<()> {

@@ -10,11 +10,13 @@ use super::left_behind::LeftBehind;
 use super::pulse::Pulse;
 use super::state::{Finished, Readiness, Shed, State};
 use super::supervisor::{Ended, panic_message};
-use crate::image::Frame;
+use crate::image::{Frame, ImageCounter};
 use crate::settings::Settings;
 use crate::solve::{Outcome, Prior, Reason, Report, Stop, Tracker, Watch};
 use crate::wire::legacy::Picture;
-use std::sync::Arc;
+use std::collections::BTreeMap;
+use std::pin::pin;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
@@ -23,6 +25,8 @@ use tokio_util::sync::CancellationToken;
 
 /// A solver that was told to stop and has not within this time is taken to hang; 20 ms are what it promises.
 const GRACE: Duration = Duration::from_secs(1);
+/// A frame that is still being solved so long after the service was told to stop is given up: less than its stage has.
+const LAST_FRAME: Duration = Duration::from_millis(300);
 
 /// What solves frames: [`crate::solve::Solver`] in flight, something slow or broken in a test.
 pub trait Solve: Send + 'static {
@@ -62,6 +66,8 @@ pub struct SolverActor {
     pub hub: hub::Handle,
     /// Makes a solver.
     pub make: MakeSolver,
+    /// Frames that have not ended in an outcome; they outlive the actor, so that each does.
+    pub open: Arc<Mutex<BTreeMap<ImageCounter, Captured>>>,
     /// The newest state, for the settings in force.
     pub state: watch::Receiver<Arc<State>>,
     /// Counts the wishes that the frame that is being solved be given up.
@@ -91,12 +97,20 @@ impl SolverActor {
     /// Runs until stopped.
     pub async fn run(self, pulse: Pulse) -> Result<(), Ended> {
         let mut inbox = self.inbox.open().await;
+        let left: Vec<Captured> = self.open().values().cloned().collect();
+        for captured in left {
+            self.give_up(captured, Reason::Failed, "the solver's part of the program was started again").await;
+        }
         // What this actor's own frames have shown: one that is started again begins lost in space.
         let (mut tracker, first) = (Tracker::default(), Instant::now());
         let mut in_force = InForce::default();
         let mut job = Some(self.start(None, None, in_force.of(&self.state.borrow())));
         let mut solver = None;
         let mut waiting: Option<Captured> = None;
+        let mut overdue = pin!(async {
+            self.stop.cancelled().await;
+            tokio::time::sleep(LAST_FRAME).await;
+        });
         loop {
             if job.is_none()
                 && let Some(mut captured) = waiting.take()
@@ -119,9 +133,11 @@ impl SolverActor {
                 }
                 // A frame that is being solved is waited for; a solver that is being made is not.
                 () = self.stop.cancelled(), if job.as_ref().is_none_or(|job| job.captured.is_none()) => {
-                    return self.abort(waiting, &mut inbox).await;
+                    return self.abort(&mut inbox).await;
                 }
+                () = &mut overdue => return self.abort(&mut inbox).await,
                 Some(captured) = inbox.recv() => {
+                    self.open().insert(captured.frame.stamp.image, captured.clone());
                     if let Some(older) = waiting.replace(captured) {
                         self.give_up(older, Reason::Skipped, "a newer frame took its place").await;
                     }
@@ -159,7 +175,7 @@ impl SolverActor {
                 let readiness = solver.as_ref().map_or_else(|why| Readiness::Broken(why.clone()), |_| Readiness::Ready);
                 self.hub.tell(ToHub::Readiness(readiness)).await;
                 if let Some(finished) = finished {
-                    self.hub.tell(ToHub::Finished(Box::new(finished))).await;
+                    self.end(finished).await;
                 }
                 solver.ok()
             }
@@ -177,12 +193,25 @@ impl SolverActor {
     async fn give_up(&self, captured: Captured, reason: Reason, detail: &str) {
         let mut outcome = Outcome::unsolved(captured.frame.stamp.clone(), reason, detail);
         outcome.prior = captured.prior;
-        self.hub.tell(ToHub::Finished(Box::new(Finished::without_stars(outcome, captured.at)))).await;
+        self.end(Finished::without_stars(outcome, captured.at)).await;
     }
 
-    /// Ends what waits, so that every frame has its outcome.
-    async fn abort(&self, waiting: Option<Captured>, inbox: &mut mpsc::Receiver<Captured>) -> Result<(), Ended> {
-        for captured in waiting.into_iter().chain(std::iter::from_fn(|| inbox.try_recv().ok())) {
+    /// Tells the hub the outcome of a frame, which is open until that is done.
+    async fn end(&self, finished: Finished) {
+        let image = finished.outcome.stamp.image;
+        self.hub.tell(ToHub::Finished(Box::new(finished))).await;
+        self.open().remove(&image);
+    }
+
+    fn open(&self) -> MutexGuard<'_, BTreeMap<ImageCounter, Captured>> {
+        // Nothing can break between two steps of a change to it.
+        self.open.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Ends what has not ended, so that every frame has its outcome.
+    async fn abort(&self, inbox: &mut mpsc::Receiver<Captured>) -> Result<(), Ended> {
+        let open: Vec<Captured> = self.open().values().cloned().collect();
+        for captured in open.into_iter().chain(std::iter::from_fn(|| inbox.try_recv().ok())) {
             self.give_up(captured, Reason::Aborted, "the service stops").await;
         }
         Ok(())

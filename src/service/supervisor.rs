@@ -73,7 +73,8 @@ where
     loop {
         let began = Instant::now();
         pulse.beat();
-        let mut task = tokio::spawn(tracing::Instrument::in_current_span(start(pulse.clone())));
+        let (running, theirs) = (start(pulse.clone()), pulse.clone());
+        let mut task = tokio::spawn(tracing::Instrument::in_current_span(async move { theirs.run(running).await }));
         let ended = tokio::select! {
             biased;
             ended = &mut task => Some(ended),
@@ -127,6 +128,7 @@ pub fn panic_text(payload: &(dyn Any + Send)) -> &str {
 mod tests {
     use super::*;
     use crate::service::inbox;
+    use crate::service::pulse::Upset;
     use std::sync::{Arc, Mutex};
 
     #[tokio::test(start_paused = true)]
@@ -154,6 +156,36 @@ mod tests {
             stop.cancel();
             supervised.abort();
         }
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_actor_that_is_upset_fails_as_it_is_told_and_is_started_again() {
+        let (sender, inbox) = inbox::channel(64);
+        let settings = ServiceSettings { restart_delay_s: 1.0, restart_delay_max_s: 4.0, hang_s: 10.0 };
+        let (pulse, stop) = (Pulse::new(), CancellationToken::new());
+        let hub = hub::Handle::new(sender);
+        let watched =
+            Watched { actor: Actor::Lens, pulse: pulse.clone(), hangs_after: Duration::from_secs(10), hub, stop: stop.clone() };
+        let start = |pulse: Pulse| async move {
+            loop {
+                pulse.rest().await;
+            }
+        };
+        let supervised = tokio::spawn(supervise(watched, Backoff::new(&settings), start));
+        for (how, within_s) in [(Upset::Panics, 1), (Upset::Ends, 2), (Upset::Hangs, 11)] {
+            tokio::time::sleep(Duration::from_secs(20)).await;
+            assert!(pulse.silence() <= Duration::from_secs(1), "before {how:?}");
+            pulse.upset(how);
+            tokio::time::sleep(Duration::from_secs(within_s)).await;
+        }
+        tokio::time::sleep(Duration::from_secs(20)).await;
+        assert!(pulse.silence() <= Duration::from_secs(1));
+        supervised.abort();
+        let mut inbox = inbox.open().await;
+        let told = std::iter::from_fn(|| inbox.try_recv().ok());
+        let reasons: Vec<String> =
+            told.filter_map(|message| if let ToHub::Restarted { why, .. } = message { Some(why) } else { None }).collect();
+        assert_eq!(reasons, ["panicked: upset", "upset", "it hung for 10 s"]);
     }
 
     #[tokio::test(start_paused = true)]

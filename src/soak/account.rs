@@ -8,14 +8,16 @@ use crate::sky::Attitude;
 use crate::solve::Reason;
 use crate::wire::{CommandReply, Update};
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::time::Instant;
 
 /// Times that nobody may command: spoilt blocks carry solver timeouts from here on, s, and focus positions from there on, counts.
 pub const POISON_TIMEOUT_S: f64 = 500.0;
-/// See [`POISON_TIMEOUT_S`].
-pub const POISON_COUNTS: i32 = 4000;
+/// See [`POISON_TIMEOUT_S`]. They end before the furthest position, where learning the range ends, and where the lens stays if all that
+/// was kept is lost meanwhile.
+pub const POISON_COUNTS: Range<i32> = 4000..4150;
 /// Longest time between two updates on a link that stands.
 const LATE: Duration = Duration::from_millis(600);
 /// Truths that are remembered: many more than are ever under way.
@@ -28,6 +30,8 @@ pub const GAPS_MS: [u64; 8] = [500, 510, 520, 550, 600, 700, 1000, u64::MAX];
 pub struct Book {
     /// Runs of the service.
     pub runs: usize,
+    /// Each run that has ended.
+    pub ended_runs: Vec<EndedRun>,
     /// Frames that the service took, and outcomes that it said it lost.
     pub frames: u32,
     /// See there.
@@ -81,6 +85,17 @@ pub struct Book {
     timeout: Option<u64>,
 }
 
+/// A run of the service that has ended.
+#[derive(Debug, Clone)]
+pub struct EndedRun {
+    /// Its number, which is in the name of its file of outcomes.
+    pub boot: u32,
+    /// Frames that it took.
+    pub frames: u32,
+    /// Parts that did not end in time, because they were made to hang: what they held is cut off with them.
+    pub late: Vec<&'static str>,
+}
+
 /// The account, shared by all that goes into it.
 #[derive(Clone, Default)]
 pub struct Account(Arc<Mutex<Book>>);
@@ -130,10 +145,11 @@ impl Account {
         book.timeout = Some(key(timeout_s));
     }
 
-    /// The service has ended: what it counted, and which images of this run are on disk.
-    pub fn end_run(&self, state: &State, on_disk: &BTreeSet<u32>) {
+    /// The service has ended: its boot, what it counted, which images of this run are on disk, and which parts of it did not end in time.
+    pub fn end_run(&self, boot: u32, state: &State, on_disk: &BTreeSet<u32>, late: Vec<&'static str>) {
         let mut book = self.book();
         book.end_images(state, on_disk);
+        book.ended_runs.push(EndedRun { boot, frames: state.counters.frames_taken, late });
         book.frames += state.counters.frames_taken;
         book.records_lost += state.counters.records_lost;
         book.skipped += state.counters.frames_skipped;

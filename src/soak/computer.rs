@@ -377,7 +377,7 @@ fn poison(random: &mut ChaCha8Rng) -> Command {
             timeout_s: POISON_TIMEOUT_S + f64::from(random.random_range(0..90_000)) / 1000.0,
         }
     } else {
-        Command::SetFocus { position_counts: POISON_COUNTS + random.random_range(0..150) }
+        Command::SetFocus { position_counts: random.random_range(POISON_COUNTS) }
     }
 }
 

@@ -9,7 +9,7 @@ use super::resources::Held;
 use super::schedule::{Class, Fault, schedule};
 use crate::camera::Gondola;
 use crate::command::{Command, Tick};
-use crate::service::{Door, Doors, Parts, Running, SimulatedLens, SimulatedUtc, Stars, StartError, start_with};
+use crate::service::{Actor, Door, Doors, Parts, Running, SimulatedLens, SimulatedUtc, Stars, StartError, Upset, start_with};
 use crate::settings::{CameraKind, LensKind, Settings};
 use crate::simulate::lens::{FaultKind, Received};
 use rand::{Rng, SeedableRng};
@@ -182,7 +182,7 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
                         running = soak.start().await?;
                         watcher = soak.watch(&running);
                     } else {
-                        soak.begin(&fault, &mut tasks);
+                        soak.begin(&fault, &running, &mut tasks);
                     }
                 }
             },
@@ -197,8 +197,9 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
     }
     // What is under way comes to its end before the books are closed.
     sleep(Duration::from_secs(20)).await;
-    tasks.abort_all();
+    // A disk that is dead or full comes back by its own task.
     soak.end(running, watcher, &mut words).await;
+    tasks.abort_all();
     Ok(Report::new(&soak.plan, began.elapsed(), &soak.account.so_far(), &counts, &samples))
 }
 
@@ -275,14 +276,14 @@ impl Soak {
         self.look_at_the_lens(words);
         *self.door.lock().unwrap_or_else(PoisonError::into_inner) = None;
         self.handles.iter().for_each(|handle| handle.disturb(Instant::now() + DISTURBED_AFTER));
-        let (state, running_boot) = (running.state.clone(), running.clock.boot_id());
-        running.stop().await;
+        let (state, boot) = (running.state.clone(), running.clock.boot_id());
+        let late = running.stop().await;
         // It has seen the last state by now, or will see no other.
         sleep(Duration::from_millis(10)).await;
         watcher.abort();
-        let (directory, boot) = (self.settings.record.image_directories(), running_boot);
-        let on_disk = directory.first().map(|(_, directory)| images::of_run(directory, boot)).unwrap_or_default();
-        self.account.end_run(&state.borrow(), &on_disk);
+        let directories = self.settings.record.image_directories();
+        let on_disk = directories.first().map(|(_, directory)| images::of_run(directory, boot)).unwrap_or_default();
+        self.account.end_run(boot, &state.borrow(), &on_disk, late);
     }
 
     /// Whether the lens was sent where no honest command sends it.
@@ -290,7 +291,7 @@ impl Soak {
         let before = *seen;
         for Received { at, word } in self.lens.received().into_iter().filter(|received| received.at > before) {
             let to = word.strip_prefix("fa").and_then(|counts| counts.trim().parse::<i32>().ok());
-            if to.is_some_and(|counts| counts >= POISON_COUNTS) {
+            if to.is_some_and(|counts| POISON_COUNTS.contains(&counts)) {
                 self.account.lens_moved(&word);
             }
             *seen = at;
@@ -332,10 +333,22 @@ impl Soak {
     }
 
     /// Begins a fault.
-    fn begin(&self, fault: &Fault, tasks: &mut JoinSet<()>) {
+    fn begin(&self, fault: &Fault, running: &Running, tasks: &mut JoinSet<()>) {
         let until = Instant::now() + fault.lasts;
         let of_lens = |kind| {
             self.lens.inject(kind, fault.lasts);
+            self.handles.iter().for_each(|handle| handle.disturb(until + DISTURBED_AFTER));
+        };
+        let upset = |actor| {
+            // By turns: the seed is as good as a draw.
+            running.upset(
+                actor,
+                match fault.seed % 3 {
+                    0 => Upset::Panics,
+                    1 => Upset::Ends,
+                    _ => Upset::Hangs,
+                },
+            );
             self.handles.iter().for_each(|handle| handle.disturb(until + DISTURBED_AFTER));
         };
         match fault.class {
@@ -373,6 +386,14 @@ impl Soak {
             Class::UtcJumps => {
                 self.utc.into_iter().for_each(|utc| drop(tasks.spawn(jump(utc, fault.seed, until))));
             }
+            Class::CameraActor => upset(Actor::Camera),
+            Class::SolverActor => upset(Actor::Solver),
+            Class::LensActor => upset(Actor::Lens),
+            Class::HousekeepingActor => upset(Actor::Housekeeping),
+            Class::ListenerActor => upset(Actor::Listener),
+            Class::RecorderActor => upset(Actor::Recorder),
+            Class::LedgerActor => upset(Actor::Ledger),
+            Class::HubActor => upset(Actor::Hub),
             Class::Strangers => drop(tasks.spawn(strangers(self.connect(9), self.settings.network.max_connections, until))),
             Class::BothClaim | Class::NeitherClaims | Class::ClaimFlickers => {
                 for handle in &self.handles {

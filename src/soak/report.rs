@@ -1,6 +1,6 @@
 //! The report of a flight: what was wanted, what was got, and the seed that flies it again.
 
-use super::account::{Book, GAPS_MS};
+use super::account::{Book, EndedRun, GAPS_MS};
 use super::flight::Plan;
 use super::images;
 use super::resources::{Held, judge};
@@ -13,6 +13,8 @@ use std::time::Duration;
 
 /// Examples that are printed of what went wrong.
 const EXAMPLES: usize = 5;
+/// Outcomes that can be on their way through the parts of the service: the frame that is solved, the one that waits, and one at each door.
+const HELD: u64 = 4;
 
 /// What came of a flight.
 #[derive(Debug, Clone)]
@@ -30,7 +32,7 @@ impl Report {
         report.tell_faults(plan, flown, faults);
         report.tell_counts(plan, book);
         report.judge_counts(plan, book);
-        let (words, grown) = judge(held);
+        let (words, grown) = judge(held, plan.real);
         words.iter().for_each(|words| report.line(words));
         if !words.is_empty() {
             report.want("memory, threads and descriptors at the end within 5 % of what they were after the beginning", &grown);
@@ -85,11 +87,23 @@ impl Report {
         self.want("nothing done that nobody commanded", &book.spurious);
         self.want("no command lost", &book.lost);
         self.want("each command done once where it was said to be done, never twice", &book.contradictions());
-        let (frames, kept) = (book.frames, records(&plan.directory.join("record")));
-        let lost: Vec<String> = (kept != u64::from(frames) || book.records_lost > 0)
-            .then(|| format!("{frames} frames, {kept} outcomes, {} said to be lost", book.records_lost))
-            .into_iter()
-            .collect();
+        let kept = records(&plan.directory.join("record"));
+        let differing = |run: &&EndedRun| kept.get(&run.boot).copied().unwrap_or_default() != u64::from(run.frames);
+        let words = |run: &EndedRun| {
+            let EndedRun { boot, frames, late } = run;
+            let kept = kept.get(boot).copied().unwrap_or_default();
+            format!("run {boot:08x}: {frames} frames, {kept} outcomes; not ended in time: {late:?}")
+        };
+        let (cut_off, mut lost): (Vec<&EndedRun>, Vec<&EndedRun>) =
+            book.ended_runs.iter().filter(differing).partition(|run| is_cut_off(run, &kept));
+        if !cut_off.is_empty() {
+            self.line(&format!("ended while a part hung, and what that held was cut off: {} runs", cut_off.len()));
+            cut_off.iter().take(EXAMPLES).for_each(|run| self.line(&format!("  {}", words(run))));
+        }
+        let mut lost: Vec<String> = lost.drain(..).map(words).collect();
+        if book.records_lost > 0 {
+            lost.push(format!("{} said to be lost", book.records_lost));
+        }
         self.want("an outcome kept of every frame", &lost);
         let (files, bytes, broken) = images::judge(&plan.directory.join("record").join("images"));
         let ImageCounters { kept, lost, thinned, disk_errors } = book.images;
@@ -102,7 +116,7 @@ impl Report {
         self.want("every image on disk whole, under its checksum", &broken);
         let some = |what: &str, count: u64| (count == 0).then(|| format!("no {what}"));
         let nothing: Vec<String> =
-            [some("frame", frames.into()), some("solution", book.solved.into()), some("update", book.updates)]
+            [some("frame", book.frames.into()), some("solution", book.solved.into()), some("update", book.updates)]
                 .into_iter()
                 .flatten()
                 .collect();
@@ -121,11 +135,19 @@ impl Report {
     }
 }
 
-/// Whole lines in the files of records.
-fn records(directory: &Path) -> u64 {
+/// Whether outcomes are missing because a part that was made to hang did not end with the run: those that it can have held.
+fn is_cut_off(run: &EndedRun, kept: &BTreeMap<u32, u64>) -> bool {
+    let missing = u64::from(run.frames).checked_sub(kept.get(&run.boot).copied().unwrap_or_default());
+    !run.late.is_empty() && missing.is_some_and(|missing| missing <= HELD)
+}
+
+/// Whole lines in the files of records, by the boot of the run that wrote them.
+fn records(directory: &Path) -> BTreeMap<u32, u64> {
     let files = std::fs::read_dir(directory).into_iter().flatten().flatten();
     let lines = |file: std::fs::DirEntry| {
-        std::fs::read(file.path()).map_or(0, |bytes| bytes.split(|byte| *byte == b'\n').count() as u64 - 1)
+        let path = file.path();
+        let boot = u32::from_str_radix(path.file_stem()?.to_str()?.rsplit('-').next()?, 16).ok()?;
+        Some((boot, std::fs::read(path).ok()?.split(|byte| *byte == b'\n').count() as u64 - 1))
     };
-    files.map(lines).sum()
+    files.filter_map(lines).collect()
 }

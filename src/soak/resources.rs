@@ -17,11 +17,11 @@ pub struct Held {
 
 /// Most by which the end of a flight may hold more than the time after its beginning.
 const GROWTH: f64 = 0.05;
-/// The beginning, in which memory is taken for good, and then as long a time, whose median the end is compared with: a day of the
-/// eleven, a quarter of a flight of less than four.
+/// The beginning, in which memory is taken for good, and then as long a time, whose median the end is compared with: a day of a flight on
+/// a clock that jumps, and a quarter of an hour in real time.
 const WINDOW: Duration = Duration::from_secs(86_400);
-/// Samples that a median must be of.
-const ENOUGH: usize = 6;
+/// See [`WINDOW`].
+const REAL_WINDOW: Duration = Duration::from_secs(900);
 
 impl Held {
     /// What this process holds now; `None` where the system does not say.
@@ -50,14 +50,14 @@ struct Course {
 }
 
 /// The courses of a flight, in words, and what has grown; no words where a flight is too short for them.
-pub fn judge(samples: &[Held]) -> (Vec<String>, Vec<String>) {
+pub fn judge(samples: &[Held], real: bool) -> (Vec<String>, Vec<String>) {
     let Some(flown) = samples.last().map(|last| last.at) else { return (Vec::new(), Vec::new()) };
-    let window = WINDOW.min(flown / 4);
-    let within = |from: Duration, to: Duration| samples.iter().filter(move |held| held.at > from && held.at <= to);
-    let (early, late) = (within(window, window * 2), within(flown - window, flown));
-    if early.clone().count().min(late.clone().count()) < ENOUGH {
+    let window = if real { REAL_WINDOW } else { WINDOW };
+    if flown < window * 3 {
         return (Vec::new(), Vec::new());
     }
+    let within = |from: Duration, to: Duration| samples.iter().filter(move |held| held.at > from && held.at <= to);
+    let (early, late) = (within(window, window * 2), within(flown - window, flown));
     let course = |name, unit, step, of: fn(&Held) -> f64| Course {
         name,
         unit,
@@ -108,15 +108,15 @@ mod tests {
 
     #[test]
     fn growth_after_the_first_day_is_found_and_what_is_taken_in_it_is_none() {
-        let (words, grown) = judge(&flight(264, |hour| if hour < 20 { 50_000 } else { 250_000 + 100 * (hour % 7) }));
+        let (words, grown) = judge(&flight(264, |hour| if hour < 20 { 50_000 } else { 250_000 + 100 * (hour % 7) }), false);
         assert_eq!((words.len(), grown.len()), (3, 0), "{words:?} {grown:?}");
         assert!(words[0].starts_with("resident memory: 244 MiB in the second 24.0 h"), "{words:?}");
-        let (_, grown) = judge(&flight(264, |hour| 250_000 + 60 * hour));
+        let (_, grown) = judge(&flight(264, |hour| 250_000 + 60 * hour), false);
         assert_eq!(grown.len(), 1, "{grown:?}");
     }
 
     #[test]
     fn a_flight_too_short_to_tell_is_not_judged() {
-        assert_eq!(judge(&flight(20, |hour| 1000 * hour)), (Vec::new(), Vec::new()));
+        assert_eq!(judge(&flight(20, |hour| 1000 * hour), false), (Vec::new(), Vec::new()));
     }
 }

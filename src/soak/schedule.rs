@@ -100,13 +100,29 @@ pub enum Class {
     DiskFull,
     /// UTC jumps by years, or is lost.
     UtcJumps,
+    /// The camera's actor panics, ends or hangs; so do the others.
+    CameraActor,
+    /// See there.
+    SolverActor,
+    /// See there.
+    LensActor,
+    /// See there.
+    HousekeepingActor,
+    /// See there.
+    ListenerActor,
+    /// See there.
+    RecorderActor,
+    /// See there.
+    LedgerActor,
+    /// See there.
+    HubActor,
     /// The service ends, and is started again.
     ServiceRestarts,
 }
 
 impl Class {
     /// Every class.
-    pub const ALL: [Self; 47] = [
+    pub const ALL: [Self; 55] = [
         Self::ComputerReboots,
         Self::ComputerStalls,
         Self::LinkCut,
@@ -153,6 +169,14 @@ impl Class {
         Self::LedgerDiskDead,
         Self::DiskFull,
         Self::UtcJumps,
+        Self::CameraActor,
+        Self::SolverActor,
+        Self::LensActor,
+        Self::HousekeepingActor,
+        Self::ListenerActor,
+        Self::RecorderActor,
+        Self::LedgerActor,
+        Self::HubActor,
         Self::ServiceRestarts,
     ];
 
@@ -176,7 +200,7 @@ impl Class {
             Self::ComputerStalls | Self::LinkSlow | Self::ComputerSilent => (1.0, 30.0),
             Self::LinkCut => (0.2, 9.0),
             Self::BothClaim | Self::NeitherClaims | Self::ClaimFlickers => (3.0, 60.0),
-            Self::WrongPointing | Self::NoPointing | Self::ComputerClock | Self::FalseSky | Self::UtcJumps => (60.0, 900.0),
+            Self::WrongPointing | Self::NoPointing | Self::ComputerClock | Self::FalseSky | Self::UtcJumps => (20.0, 300.0),
             Self::CameraGone | Self::RecordDiskDead | Self::LedgerDiskDead | Self::DiskFull => (5.0, 120.0),
             Self::ImageUnreadable | Self::CameraPanics | Self::SolverPanics | Self::SolverHangs | Self::SolverSlow => {
                 (40.0, 120.0)

@@ -2,7 +2,7 @@
 
 use crate::world::{World, second, settings};
 use proptest::prelude::*;
-use stars::lens::{AperturePosition, Doubt, FocusCounts, Known, LensCommand, LensError, LensResult, Rules};
+use stars::lens::{AperturePosition, Doubt, FocusCounts, FocusKept, Known, LensCommand, LensError, LensResult, Rules};
 use stars::simulate::lens::FaultKind;
 
 fn focus(counts: i32) -> Known<FocusCounts> {
@@ -147,6 +147,21 @@ fn after_a_power_cycle_the_lens_is_learned_anew_and_goes_back_unless_that_is_not
         let learned = world.ask(LensCommand::InitFocus);
         assert_eq!(world.end_of(learned), LensResult::Completed);
         assert_eq!(world.state().focus, focus(4200), "a command to learn ends where it ends");
+    }
+}
+
+#[test]
+fn a_restart_while_the_lens_is_learned_anew_does_not_leave_it_where_learning_ended() {
+    for tenths in 0..400 {
+        let mut world = World::known(&settings(), 1);
+        world.inject(FaultKind::PowerCycle, 3.0);
+        world.run_until(world.now + second(f64::from(tenths) / 10.0));
+        let state = world.state();
+        let known = state.focus.value().map_or(FocusKept::At(FocusCounts(2800)), FocusKept::At);
+        world.restart(state.going_back.map_or(known, FocusKept::GoingBack));
+        world.run_until(world.now + second(120.0));
+        assert_eq!(world.state().focus, focus(2800), "after {tenths} tenths of a second: {state:?}");
+        assert_eq!(world.controller.true_motor(world.now), 2800.0);
     }
 }
 

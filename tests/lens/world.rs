@@ -1,6 +1,6 @@
 //! The state machine and the simulated controller on one line, in made-up time: hours of it in a moment.
 
-use stars::lens::{Action, Control, Event, Known, LensCommand, LensResult, LensState, RequestCounter, Rules};
+use stars::lens::{Action, Control, Event, FocusKept, Known, LensCommand, LensResult, LensState, RequestCounter, Rules};
 use stars::settings::{LensSettings, Settings};
 use stars::simulate::lens::{Controller, Fault, FaultKind};
 use std::collections::BTreeMap;
@@ -69,6 +69,14 @@ impl World {
 
     pub fn state(&self) -> LensState {
         self.control.state()
+    }
+
+    /// The program is started again, with what it kept of the focus.
+    pub fn restart(&mut self, kept: FocusKept) {
+        self.control = Control::resuming(self.rules.clone(), kept);
+        self.open = false;
+        self.line.clear();
+        self.exchange(&[]);
     }
 
     /// Whether no fault is about, and the lens known and at rest.

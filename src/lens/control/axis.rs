@@ -156,6 +156,12 @@ impl<T: Copy> Axis<T> {
         });
     }
 
+    /// Where it goes back to by itself, once it is learned where it has to be.
+    pub fn goes_back_to(&self) -> Option<T> {
+        let home = self.home.filter(|_| self.unlearned.is_some() && !self.stopped);
+        self.back.map(|back| back.to).or(home)
+    }
+
     /// What it wants next, and when. `pause`: between learning it by itself; `None` where it may not be.
     pub fn wish(&self, pause: Option<Duration>) -> Option<(Tick, Wish<T>)> {
         if self.learn_first {

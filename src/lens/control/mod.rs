@@ -143,6 +143,11 @@ impl Control {
             FocusKept::Unknown => {}
             FocusKept::At(at) => control.focus.resume(at),
             FocusKept::InDoubt => control.focus.unlearn(Doubt::CountsLost),
+            FocusKept::GoingBack(to) => {
+                // Whether its range was learned by then nobody knows any more: it is learned once more.
+                control.focus.resume(to);
+                control.focus.unlearn(Doubt::CountsLost);
+            }
         }
         control
     }
@@ -189,6 +194,7 @@ impl Control {
             focus: shown(self.focus.known, open().any(LensCommand::concerns_focus)),
             range: self.range,
             aperture: shown(self.aperture.known, open().any(LensCommand::concerns_aperture)),
+            going_back: self.focus.goes_back_to(),
             stopped: self.focus.stopped || self.aperture.stopped,
             busy: self.job.as_ref().map(|job| job.command),
             waiting: self.queue.len(),
