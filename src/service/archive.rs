@@ -4,17 +4,17 @@
 //! again when it has come: a solver that hangs or breaks costs no frame. The disk may be slow, full or dead: frames wait in a
 //! bounded queue, from which the oldest is lost and counted, and nobody else is held up. Two disks are two archives.
 
-use super::hub::{self, ToHub};
+use super::hub::{self, ToHub, sleep_until};
 use super::inbox::Inbox;
 use super::pulse::Pulse;
 use super::state::{Disk, Finished, ImageNews};
-use super::store::{Saved, Store, StoreRules};
+use super::store::{Saved, Store};
 use super::supervisor::{Backoff, Ended, panic_message};
 use crate::image::{Frame, ImageCounter};
 use std::collections::VecDeque;
 use std::io;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
@@ -45,8 +45,8 @@ pub struct Archive {
     pub hub: hub::Handle,
     /// Which of the two disks.
     pub disk: Disk,
-    /// Where images are kept, and how much room they may take.
-    pub rules: StoreRules,
+    /// What is not on disk yet, and the store.
+    pub backlog: Backlog,
     /// Frames that may wait for the disk.
     pub queue: usize,
     /// Pauses after an error of the disk.
@@ -56,6 +56,7 @@ pub struct Archive {
 }
 
 /// A frame on its way to the disk.
+#[derive(Clone)]
 struct Waiting {
     frame: Arc<Frame>,
     outcome: Option<Arc<Finished>>,
@@ -69,22 +70,108 @@ impl Waiting {
     fn image(&self) -> ImageCounter {
         self.frame.stamp.image
     }
+
+    fn is_due(&self, now: Instant) -> bool {
+        self.outcome.is_some() || (self.kept.is_none() && self.due <= now)
+    }
 }
 
-/// A write under way; the store and the frame come back from it with the result.
-struct Writing {
-    image: ImageCounter,
-    /// Its outcome, where that came meanwhile.
-    outcome: Option<Arc<Finished>>,
-    job: JoinHandle<(Store, Waiting, io::Result<Saved>)>,
+/// What is not on disk yet, and the store that it goes to. It outlives the actor, so that nothing is lost with it.
+#[derive(Clone)]
+pub struct Backlog {
+    /// Whoever writes has it.
+    store: Arc<Mutex<Store>>,
+    frames: Arc<Mutex<Frames>>,
+}
+
+#[derive(Default)]
+struct Frames {
+    waiting: VecDeque<Waiting>,
+    /// What is being written; its outcome may come meanwhile.
+    under_way: Option<Waiting>,
+}
+
+impl Backlog {
+    /// Of a store.
+    pub fn new(store: Store) -> Self {
+        Self { store: Arc::new(Mutex::new(store)), frames: Arc::default() }
+    }
+
+    fn frames(&self) -> MutexGuard<'_, Frames> {
+        // Nothing can break between two steps of a change to it.
+        self.frames.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Writes the oldest frame that is due; what is to be told of it, if anything. Blocking.
+    fn write_one(&self, now: Instant) -> io::Result<Option<ImageNews>> {
+        // A store that broke off looks through its directory again.
+        let mut store = self.store.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(frame) = self.frames().begin(now) else { return Ok(None) };
+        let outcome = frame.outcome.as_deref().map(|finished| &finished.outcome);
+        let saved = store.save(&frame.frame, outcome, frame.kept.as_deref());
+        let is_first = frame.kept.is_none();
+        let mut frames = self.frames();
+        let came = frames.under_way.take().and_then(|under_way| under_way.outcome);
+        match saved {
+            Ok(Saved { path, thinned }) => {
+                if frame.outcome.is_none() {
+                    frames.waiting.push_front(Waiting { outcome: came, kept: Some(path), ..frame });
+                }
+                Ok(is_first.then_some(ImageNews::Kept { thinned }))
+            }
+            Err(error) => {
+                let problem = format!("image {}: {error}", frame.image().0);
+                frames.waiting.push_front(Waiting { outcome: came, ..frame });
+                Err(io::Error::new(error.kind(), problem))
+            }
+        }
+    }
+}
+
+impl Frames {
+    fn accept(&mut self, message: ToArchive) {
+        match message {
+            ToArchive::Frame(frame) => {
+                let due = Instant::now() + WAITS_FOR_OUTCOME;
+                self.waiting.push_back(Waiting { frame, outcome: None, due, kept: None });
+            }
+            ToArchive::Outcome(finished) => {
+                let image = finished.outcome.stamp.image;
+                let all = self.waiting.iter_mut().chain(&mut self.under_way);
+                all.filter(|frame| frame.image() == image).for_each(|frame| frame.outcome = Some(Arc::clone(&finished)));
+            }
+        }
+    }
+
+    /// Takes the oldest frame that is due; one whose writing broke off is.
+    fn begin(&mut self, now: Instant) -> Option<Waiting> {
+        let next = self.under_way.take().or_else(|| {
+            let place = self.waiting.iter().position(|frame| frame.is_due(now))?;
+            self.waiting.remove(place)
+        });
+        self.under_way.clone_from(&next);
+        next
+    }
+
+    /// When the next frame is due, if nothing comes before; `None` where none will be by itself.
+    fn next_due(&self) -> Option<Instant> {
+        let now = Instant::now();
+        let due = |frame: &Waiting| if frame.is_due(now) { Some(now) } else { frame.kept.is_none().then_some(frame.due) };
+        self.waiting.iter().filter_map(due).chain(self.under_way.is_some().then_some(now)).min()
+    }
+
+    /// Loses one where more than so many wait: one that is on disk already and waits for its outcome alone, or else the oldest. Whether one
+    /// is not on disk now; `None` where there are not too many.
+    fn lose_one(&mut self, queue: usize) -> Option<bool> {
+        let place = self.waiting.iter().position(|frame| frame.kept.is_some()).unwrap_or(0);
+        let frame = if self.waiting.len() > queue { self.waiting.remove(place) } else { None };
+        frame.map(|frame| frame.kept.is_none())
+    }
 }
 
 /// What the actor holds while it runs.
 struct Desk {
-    waiting: VecDeque<Waiting>,
-    /// The store, unless a write has it.
-    store: Option<Store>,
-    writing: Option<Writing>,
+    writing: Option<JoinHandle<io::Result<Option<ImageNews>>>>,
     not_before: Instant,
 }
 
@@ -93,130 +180,83 @@ impl Archive {
     pub async fn run(mut self, pulse: Pulse) -> Result<(), Ended> {
         let inbox = self.inbox.clone();
         let mut inbox = inbox.open().await;
-        let store = Some(Store::new(self.rules.clone()));
-        let mut desk = Desk { waiting: VecDeque::new(), store, writing: None, not_before: Instant::now() };
+        let mut desk = Desk { writing: None, not_before: Instant::now() };
         let mut ending = false;
         loop {
-            desk.write_next();
+            let due = self.write_next(&mut desk);
             if ending && desk.writing.is_none() {
                 return Ok(());
             }
-            let (due, idle) = (desk.next_due(), desk.writing.is_none());
             tokio::select! {
                 biased;
-                done = async { (&mut desk.writing.as_mut()?.job).await.into() }, if desk.writing.is_some() => {
-                    let outcome = desk.writing.take().and_then(|writing| writing.outcome);
+                done = async { desk.writing.as_mut()?.await.into() }, if desk.writing.is_some() => {
+                    desk.writing = None;
                     let Some(done) = done else { continue };
-                    let (store, mut waiting, result) = done.map_err(|error| Ended(panic_message(error)))?;
-                    desk.store = Some(store);
-                    let was_final = waiting.outcome.is_some();
-                    waiting.outcome = waiting.outcome.or(outcome);
-                    self.after_write(&mut desk, waiting, was_final, result).await;
+                    self.after_write(&mut desk, done.map_err(|error| Ended(panic_message(error)))?).await;
                 }
                 () = self.stop.cancelled(), if !ending => {
                     ending = true;
                     while let Ok(message) = inbox.try_recv() {
-                        self.accept(&mut desk, message).await;
+                        self.accept(message).await;
                     }
-                    desk.waiting.iter_mut().for_each(|waiting| waiting.due = Instant::now());
+                    self.backlog.frames().waiting.iter_mut().for_each(|frame| frame.due = Instant::now());
                 }
-                Some(message) = inbox.recv(), if !ending => self.accept(&mut desk, message).await,
-                () = tokio::time::sleep_until(due), if idle && !desk.waiting.is_empty() => {}
+                Some(message) = inbox.recv(), if !ending => self.accept(message).await,
+                () = sleep_until(due), if desk.writing.is_none() => {}
                 () = pulse.rest() => {}
             }
         }
     }
 
-    async fn accept(&self, desk: &mut Desk, message: ToArchive) {
-        match message {
-            ToArchive::Frame(frame) => {
-                let due = Instant::now() + WAITS_FOR_OUTCOME;
-                desk.waiting.push_back(Waiting { frame, outcome: None, due, kept: None });
-                self.lose_what_is_too_much(desk).await;
-            }
-            ToArchive::Outcome(finished) => desk.take_outcome(finished),
+    /// Starts to write the oldest frame that is due, unless the disk is busy or had an error a moment ago; or says when one will be.
+    fn write_next(&self, desk: &mut Desk) -> Option<Instant> {
+        if desk.writing.is_some() {
+            return None;
         }
+        let now = Instant::now();
+        let due = self.backlog.frames().next_due()?.max(desk.not_before);
+        if due <= now {
+            let backlog = self.backlog.clone();
+            desk.writing = Some(tokio::task::spawn_blocking(move || backlog.write_one(now)));
+        }
+        Some(due)
     }
 
-    async fn after_write(&mut self, desk: &mut Desk, mut waiting: Waiting, was_final: bool, result: io::Result<Saved>) {
+    async fn accept(&self, message: ToArchive) {
+        self.backlog.frames().accept(message);
+        self.lose_what_is_too_much().await;
+    }
+
+    async fn after_write(&mut self, desk: &mut Desk, result: io::Result<Option<ImageNews>>) {
         match result {
-            Ok(Saved { path, thinned }) => {
+            Ok(news) => {
                 self.backoff.reset();
-                if waiting.kept.is_none() {
-                    self.tell(ImageNews::Kept { thinned }).await;
-                }
-                if !was_final {
-                    waiting.kept = Some(path);
-                    desk.waiting.push_front(waiting);
+                if let Some(news) = news {
+                    self.tell(news).await;
                 }
             }
             Err(error) => {
                 let pause = self.backoff.pause();
-                let (directory, again_in_s) = (self.rules.directory.display(), pause.as_secs_f64());
-                tracing::warn!(%directory, %error, again_in_s, image = waiting.image().0, "image not kept yet");
+                tracing::warn!(disk = ?self.disk, %error, again_in_s = pause.as_secs_f64(), "image not kept yet");
                 desk.not_before = Instant::now() + pause;
-                desk.waiting.push_front(waiting);
                 self.tell(ImageNews::DiskError).await;
             }
         }
-        self.lose_what_is_too_much(desk).await;
+        self.lose_what_is_too_much().await;
     }
 
-    /// Of too many, those go first that are on disk already and wait for their outcomes alone, and then the oldest.
-    async fn lose_what_is_too_much(&self, desk: &mut Desk) {
-        while desk.waiting.len() > self.queue {
-            let place = desk.waiting.iter().position(|waiting| waiting.kept.is_some()).unwrap_or(0);
-            if desk.waiting.remove(place).is_some_and(|waiting| waiting.kept.is_none()) {
-                self.tell(ImageNews::Lost).await;
+    async fn lose_what_is_too_much(&self) {
+        loop {
+            let lost = self.backlog.frames().lose_one(self.queue);
+            match lost {
+                None => return,
+                Some(true) => self.tell(ImageNews::Lost).await,
+                Some(false) => {}
             }
         }
     }
 
     async fn tell(&self, news: ImageNews) {
         self.hub.tell(ToHub::Image(self.disk, news)).await;
-    }
-}
-
-impl Desk {
-    fn take_outcome(&mut self, finished: Arc<Finished>) {
-        let image = finished.outcome.stamp.image;
-        if let Some(waiting) = self.waiting.iter_mut().find(|waiting| waiting.image() == image) {
-            waiting.outcome = Some(finished);
-        } else if let Some(writing) = self.writing.as_mut().filter(|writing| writing.image == image) {
-            writing.outcome = Some(finished);
-        }
-    }
-
-    /// When the next frame is to be written, if nothing comes before.
-    fn next_due(&self) -> Instant {
-        let due = |waiting: &Waiting| match (&waiting.outcome, &waiting.kept) {
-            (Some(_), _) => Some(Instant::now()),
-            (None, None) => Some(waiting.due),
-            (None, Some(_)) => None,
-        };
-        // Where all wait for outcomes alone, these come through the inbox.
-        let soonest = self.waiting.iter().filter_map(due).min().unwrap_or_else(|| Instant::now() + WAITS_FOR_OUTCOME);
-        soonest.max(self.not_before)
-    }
-
-    /// Starts to write the oldest frame that is to be written now, unless the disk is busy or had an error a moment ago.
-    fn write_next(&mut self) {
-        let now = Instant::now();
-        if self.writing.is_some() || now < self.not_before {
-            return;
-        }
-        let is_due = |waiting: &Waiting| waiting.outcome.is_some() || (waiting.kept.is_none() && waiting.due <= now);
-        if let Some(place) = self.waiting.iter().position(is_due)
-            && let Some(mut store) = self.store.take()
-            && let Some(waiting) = self.waiting.remove(place)
-        {
-            let image = waiting.image();
-            let job = tokio::task::spawn_blocking(move || {
-                let outcome = waiting.outcome.as_deref().map(|finished| &finished.outcome);
-                let result = store.save(&waiting.frame, outcome, waiting.kept.as_deref());
-                (store, waiting, result)
-            });
-            self.writing = Some(Writing { image, outcome: None, job });
-        }
     }
 }

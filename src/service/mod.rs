@@ -61,6 +61,7 @@ mod told;
 mod twin;
 mod update;
 mod visitors;
+mod watchman;
 
 pub use camera::MakeSource;
 pub use clock::{Clock, SimulatedUtc, utc_now};
@@ -83,52 +84,33 @@ pub use state::{
 };
 pub use strain::Strain;
 
-use crate::command::{Desk, Guard, InCharge, UNDER_WAY};
-use crate::lens::Rules;
+use crate::command::{Desk, Guard, InCharge};
 use crate::settings::Settings;
 use crate::wire::{Hello, Role};
-use archive::Archive;
-use camera::CameraActor;
 use focus::Focus;
-use housekeeping::Housekeeper;
 use hub::Hub;
-use ledger::{Ledger, LedgerActor};
-use left_behind::LeftBehind;
+use ledger::Ledger;
 use legacy::LegacyListener;
-use lens::LensActor;
 use listener::Listener;
 use pulse::Pulse;
-use recorder::{Recorder, Shelf};
 use runs::{Asked, Runs};
 use session::{Shared, Strangers};
-use solver::SolverActor;
 use std::net::{IpAddr, SocketAddr};
 use std::path::Path;
-use std::sync::atomic::{AtomicU32, AtomicU64};
+use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
-use store::StoreRules;
-use supervisor::{Backoff, Ended, Watched, supervise};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
 use tokio::sync::{Semaphore, watch};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
-use tracing::{Instrument, Span};
+use tracing::Span;
 use visitors::Visitors;
+use watchman::Watchman;
 
 /// Messages that may wait for the hub: some seconds of everything that can happen in the ordinary way.
 const HUB_INBOX: usize = 64;
-/// Frames that may wait for the solver's actor, which takes them at once.
-const SOLVER_INBOX: usize = 2;
-/// Requests that may wait for the camera's actor, which is with a frame for a second at most.
-const CAMERA_INBOX: usize = 4;
-/// Outcomes that may wait for the recorder's actor, which takes them at once.
-const RECORDER_INBOX: usize = 64;
-/// Frames and outcomes that may wait for an archive's actor, which takes them at once.
-const ARCHIVE_INBOX: usize = 64;
-/// Requests that may wait for the lens's actor, which takes them at once.
-const LENS_INBOX: usize = 32;
 /// Time that each stage gets to end: four of them stay under 2 s.
 const STAGE_ENDS_WITHIN: Duration = Duration::from_millis(450);
 /// The camera's number in its hello.
@@ -341,7 +323,6 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
     let legacy = legacy::bind(&settings.legacy, legacy_door)
         .map_err(|error| StartError::LegacyListen { address: settings.legacy.listen.clone(), error })?;
     let clock = utc.map_or_else(Clock::start, |utc| Clock::start().with_utc(utc));
-    let simulated = Simulated::of(&settings);
     let keys = Keys::read(&settings.commands).map_err(StartError::Key)?;
     let (ledger, kept, found) = open_ledger(&settings.commands.ledger_directory);
     let (runs, run) = begin_run(&settings.commands.ledger_directory);
@@ -351,7 +332,7 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
     let (to_hub, hub_inbox) = inbox::channel(HUB_INBOX);
     let (abort_solver, abort) = watch::channel(0);
     let hub = hub::Handle::new(to_hub);
-    let span = if simulated.any() { tracing::info_span!("simulated") } else { Span::none() };
+    let span = span_of(&settings);
     span.in_scope(|| announce(address, &settings, run, &kept));
     let pulses = Pulses::default();
     let watchman =
@@ -418,6 +399,11 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
     })
 }
 
+/// Marks the log where images go through anything that is simulated.
+fn span_of(settings: &Settings) -> Span {
+    if Simulated::of(settings).any() { tracing::info_span!("simulated") } else { Span::none() }
+}
+
 /// A line of the log for the start.
 fn announce(address: SocketAddr, settings: &Settings, run: Run, kept: &Kept) {
     let Run { number, last_end } = run;
@@ -474,165 +460,6 @@ fn our_hello(settings: &Settings, clock: &Clock) -> Hello {
     // The lower half of the fingerprint tells settings apart well enough.
     let fingerprint = settings.fingerprint() as u32;
     Hello::new(Role::Camera, CAMERA_ID, &settings.camera.name, clock.boot_id(), Some(fingerprint))
-}
-
-/// Puts actors under the supervisor.
-struct Watchman {
-    hub: hub::Handle,
-    settings: Arc<Settings>,
-    state: watch::Receiver<Arc<State>>,
-    clock: Clock,
-    span: Span,
-    /// The pulses of all actors.
-    pulses: Pulses,
-}
-
-impl Watchman {
-    /// Keeps an actor running until its stage ends; `start` makes it anew each time.
-    fn keep<F, A>(&self, stage: &Stage, actor: Actor, start: F)
-    where
-        F: FnMut(Pulse) -> A + Send + 'static,
-        A: Future<Output = Result<(), Ended>> + Send + 'static,
-    {
-        let pulse = Pulse::new();
-        self.pulses.lock().unwrap_or_else(PoisonError::into_inner).push((actor, pulse.clone()));
-        let hangs_after = Duration::from_secs_f64(self.settings.service.hang_s);
-        let watched = Watched { actor, pulse, hangs_after, hub: self.hub.clone(), stop: stage.stop.clone() };
-        let kept = supervise(watched, Backoff::new(&self.settings.service), start);
-        stage.tracker.spawn(kept.instrument(self.span.clone()));
-    }
-
-    /// Keeps the recorder running, where there is to be one.
-    fn keep_recorder(&self, stage: &Stage) -> Option<recorder::Handle> {
-        let record = &self.settings.record;
-        if !record.enabled {
-            return None;
-        }
-        let (to_recorder, inbox) = inbox::channel(RECORDER_INBOX);
-        let actor = Recorder {
-            inbox,
-            hub: self.hub.clone(),
-            shelf: Shelf::new(Path::new(&record.directory).join(recorder::file_name(&self.clock))),
-            queue: record.queue_frames as usize,
-            backoff: Backoff::new(&self.settings.service),
-            stop: stage.stop.clone(),
-        };
-        self.keep(stage, Actor::Recorder, move |pulse| actor.clone().run(pulse));
-        Some(to_recorder)
-    }
-
-    /// Keeps an archive running for each disk on which images are kept.
-    fn keep_archives(&self, stage: &Stage) -> Vec<(Disk, archive::Handle)> {
-        /// Bytes of a GiB.
-        const GIB: f64 = (1_u64 << 30) as f64;
-        let record = &self.settings.record;
-        let keep = |(disk, (_, directory))| {
-            let (to_archive, inbox) = inbox::channel(ARCHIVE_INBOX);
-            let rules = StoreRules {
-                directory,
-                limit_bytes: (record.images_limit_gib * GIB) as u64,
-                reserve_bytes: (record.reserve_gib * GIB) as u64,
-                boot_id: self.clock.boot_id(),
-                camera: self.settings.camera.name.clone(),
-                mirrored: self.settings.camera.mirrored,
-            };
-            let queue = record.queue_images as usize;
-            let (hub, backoff, stop) = (self.hub.clone(), Backoff::new(&self.settings.service), stage.stop.clone());
-            let actor = Archive { inbox, hub, disk, rules, queue, backoff, stop };
-            self.keep(stage, Actor::Archive, move |pulse| actor.clone().run(pulse));
-            (disk, to_archive)
-        };
-        [Disk::Images, Disk::Copies].into_iter().zip(record.image_directories()).map(keep).collect()
-    }
-
-    /// Keeps the ledger running.
-    fn keep_ledger(&self, stage: &Stage, ledger: Ledger) -> ledger::Handle {
-        let (to_ledger, inbox) = inbox::channel(UNDER_WAY);
-        let ledger = Arc::new(Mutex::new(ledger));
-        let actor = LedgerActor { inbox, hub: self.hub.clone(), ledger, stop: stage.stop.clone() };
-        self.keep(stage, Actor::Ledger, move |pulse| actor.clone().run(pulse));
-        to_ledger
-    }
-
-    /// Keeps the lens running: the one of the settings, or a simulated one with its controller.
-    fn keep_lens(&self, stage: &Stage, simulated: Option<&SimulatedLens>) -> LensHandle {
-        let (settings, state) = (&self.settings.lens, self.state.clone());
-        let (to_lens, inbox) = inbox::channel(LENS_INBOX);
-        let actor = LensActor {
-            inbox,
-            hub: self.hub.clone(),
-            ports: simulated.map(SimulatedLens::ports).or_else(|| lens::serial_ports(settings)),
-            rules: Rules::of(settings),
-            focus_before: Arc::new(move || state.borrow().focus_kept),
-            open: Arc::default(),
-            clock: self.clock,
-            stop: stage.stop.clone(),
-        };
-        self.keep(stage, Actor::Lens, move |pulse| actor.clone().run(pulse));
-        if let Some(controller) = simulated {
-            stage.tracker.spawn(controller.clone().run(stage.stop.clone()).instrument(self.span.clone()));
-        }
-        LensHandle::new(to_lens)
-    }
-
-    /// Keeps the solver running.
-    fn keep_solver(&self, stage: &Stage, make: MakeSolver, abort: watch::Receiver<u32>) -> solver::Handle {
-        let (to_solver, inbox) = inbox::channel(SOLVER_INBOX);
-        let (hub, state, stop) = (self.hub.clone(), self.state.clone(), stage.stop.clone());
-        let left_behind = LeftBehind::default();
-        let actor = SolverActor { inbox, hub, make, open: Arc::default(), state, abort, left_behind, stop };
-        self.keep(stage, Actor::Solver, move |pulse| actor.clone().run(pulse));
-        to_solver
-    }
-
-    /// Keeps the camera running.
-    fn keep_camera(
-        &self,
-        stage: &Stage,
-        make: MakeSource,
-        solver: solver::Handle,
-        archives: Vec<(Disk, archive::Handle)>,
-    ) -> camera::Handle {
-        let (to_camera, inbox) = inbox::channel(CAMERA_INBOX);
-        let actor = CameraActor {
-            make,
-            solver,
-            archives,
-            hub: self.hub.clone(),
-            inbox,
-            numbers: Arc::new(AtomicU32::new(0)),
-            left_behind: LeftBehind::default(),
-            open: Arc::default(),
-            state: self.state.clone(),
-            settings: Arc::clone(&self.settings),
-            clock: self.clock,
-            stop: stage.stop.clone(),
-        };
-        self.keep(stage, Actor::Camera, move |pulse| actor.clone().run(pulse));
-        to_camera
-    }
-
-    /// Keeps the housekeeping running.
-    fn keep_housekeeping(&self, stage: &Stage) {
-        let (settings, stop) = (Arc::clone(&self.settings), stage.stop.clone());
-        let actor = Housekeeper {
-            make: Arc::new(move || housekeeping::sensors(&settings, &stop)),
-            period: Duration::from_secs_f64(self.settings.housekeeping.period_s),
-            hub: self.hub.clone(),
-            clock: self.clock,
-            stop: stage.stop.clone(),
-        };
-        self.keep(stage, Actor::Housekeeping, move |pulse| actor.clone().run(pulse));
-    }
-
-    /// Lets flight computers in.
-    fn open_doors(&self, stage: &Stage, listener: &Listener, legacy: Option<&LegacyListener>) {
-        let door = listener.clone();
-        self.keep(stage, Actor::Listener, move |pulse| door.clone().run(pulse));
-        if let Some(door) = legacy.cloned() {
-            self.keep(stage, Actor::LegacyListener, move |pulse| door.clone().run(pulse));
-        }
-    }
 }
 
 fn addresses(peers: &[String]) -> Result<Arc<[IpAddr]>, StartError> {

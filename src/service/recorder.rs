@@ -31,7 +31,7 @@ pub struct Recorder {
     /// Whom to tell what was kept and what was lost.
     pub hub: hub::Handle,
     /// What is not on disk yet, and the file.
-    pub shelf: Shelf,
+    pub lines: Lines,
     /// Outcomes that may wait for the disk.
     pub queue: usize,
     /// Pauses after an error of the disk.
@@ -42,7 +42,7 @@ pub struct Recorder {
 
 /// What is not on disk yet, and the file that it goes to. It outlives the actor, so that nothing is lost with it.
 #[derive(Clone)]
-pub struct Shelf {
+pub struct Lines {
     /// Whoever writes has it.
     log: Arc<Mutex<LogFile>>,
     items: Arc<Mutex<Items>>,
@@ -55,7 +55,7 @@ struct Items {
     under_way: Option<Arc<Finished>>,
 }
 
-impl Shelf {
+impl Lines {
     /// Of a file that lines are appended to; its directory is made if it is not there.
     pub fn new(file: PathBuf) -> Self {
         Self { log: Arc::new(Mutex::new(LogFile::new(file))), items: Arc::default() }
@@ -111,7 +111,7 @@ impl Recorder {
             if ending && desk.writing.is_none() {
                 return Ok(());
             }
-            let waits = desk.writing.is_none() && !self.shelf.items().waiting.is_empty();
+            let waits = desk.writing.is_none() && !self.lines.items().waiting.is_empty();
             tokio::select! {
                 biased;
                 done = async { desk.writing.as_mut()?.await.into() }, if desk.writing.is_some() => {
@@ -135,9 +135,9 @@ impl Recorder {
     /// Starts to write the oldest outcome, unless the disk is busy or had an error a moment ago.
     fn write_next(&self, desk: &mut Desk) {
         let is_free = desk.writing.is_none() && Instant::now() >= desk.not_before;
-        if is_free && !self.shelf.items().is_empty() {
-            let shelf = self.shelf.clone();
-            desk.writing = Some(tokio::task::spawn_blocking(move || shelf.write_one()));
+        if is_free && !self.lines.items().is_empty() {
+            let lines = self.lines.clone();
+            desk.writing = Some(tokio::task::spawn_blocking(move || lines.write_one()));
         }
     }
 
@@ -159,12 +159,12 @@ impl Recorder {
     }
 
     async fn accept(&self, finished: Arc<Finished>) {
-        self.shelf.items().waiting.push_back(finished);
+        self.lines.items().waiting.push_back(finished);
         self.lose_what_is_too_much().await;
     }
 
     async fn lose_what_is_too_much(&self) {
-        while self.shelf.items().lose_one(self.queue) {
+        while self.lines.items().lose_one(self.queue) {
             self.hub.tell(ToHub::RecordLost).await;
         }
     }
