@@ -154,8 +154,7 @@ impl Frames {
     }
 
     /// When the next frame is due, if nothing comes before; `None` where none will be by itself.
-    fn next_due(&self) -> Option<Instant> {
-        let now = Instant::now();
+    fn next_due(&self, now: Instant) -> Option<Instant> {
         let due = |frame: &Waiting| if frame.is_due(now) { Some(now) } else { frame.kept.is_none().then_some(frame.due) };
         self.waiting.iter().filter_map(due).chain(self.under_way.is_some().then_some(now)).min()
     }
@@ -214,7 +213,7 @@ impl Archive {
             return None;
         }
         let now = Instant::now();
-        let due = self.backlog.frames().next_due()?.max(desk.not_before);
+        let due = self.backlog.frames().next_due(now)?.max(desk.not_before);
         if due <= now {
             let backlog = self.backlog.clone();
             desk.writing = Some(tokio::task::spawn_blocking(move || backlog.write_one(now)));
