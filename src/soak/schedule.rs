@@ -272,7 +272,7 @@ mod tests {
         }
         let (least, most) = (counts.values().min().unwrap(), counts.values().max().unwrap());
         assert_eq!(counts.len(), Class::ALL.len());
-        assert!(most - least <= 1 && *least >= 300, "{counts:?}");
+        assert!(most - least <= 1 && *least >= 280, "{counts:?}");
         assert_eq!(Class::LensPowerCycle.name(), "lens power cycle");
     }
 }
