@@ -153,19 +153,25 @@ impl CameraActor {
         }
         match frame {
             Ok(mut frame) => {
-                self.number(image, &state, &mut frame.stamp).await;
+                self.number(image, &state, &mut frame.stamp);
                 self.note_instrument(&state, &mut frame.stamp);
+                let frame = Arc::new(frame);
+                // Before anything is waited for: whatever becomes of this actor, the frame is where it is kept.
+                let lost = self.keep(&state, &frame);
+                self.count(&frame.stamp).await;
+                for disk in lost {
+                    self.hub.tell(ToHub::Image(disk, ImageNews::Lost)).await;
+                }
                 self.tell(&state, CameraState::Working).await;
                 let prior = state.prior(at, &state.settings.observer);
-                let frame = Arc::new(frame);
-                self.keep(&state, &frame).await;
                 let captured = Captured { frame, at, prior };
                 self.solver.send(captured).await.map_err(|_| Ended("the solver's inbox is gone".to_owned()))?;
                 self.set_open(None);
             }
             Err(CameraError::Unreadable { origin, problem }) => {
                 let mut stamp = Stamp { origin, ..Stamp::default() };
-                self.number(image, &state, &mut stamp).await;
+                self.number(image, &state, &mut stamp);
+                self.count(&stamp).await;
                 self.tell(&state, CameraState::Working).await;
                 let outcome = Outcome::unsolved(stamp, Reason::Unreadable, problem);
                 self.hub.tell(ToHub::Finished(Box::new(Finished::without_stars(outcome, at)))).await;
@@ -176,14 +182,11 @@ impl CameraActor {
         Ok(source)
     }
 
-    /// Hands a frame to those who keep it; one for which there is no room, or no time, is lost there, and solved all the same.
-    async fn keep(&self, state: &State, frame: &Arc<Frame>) {
-        for (disk, archive) in &self.archives {
-            let shed = state.strain.shed() >= Shed::Images;
-            if shed || archive.try_send(ToArchive::Frame(Arc::clone(frame))).is_err() {
-                self.hub.tell(ToHub::Image(*disk, ImageNews::Lost)).await;
-            }
-        }
+    /// Hands a frame to those who keep it; says where there is no room for it, or no time. It is solved all the same.
+    fn keep(&self, state: &State, frame: &Arc<Frame>) -> Vec<Disk> {
+        let shed = state.strain.shed() >= Shed::Images;
+        let lost = |archive: &archive::Handle| shed || archive.try_send(ToArchive::Frame(Arc::clone(frame))).is_err();
+        self.archives.iter().filter(|(_, archive)| lost(archive)).map(|(disk, _)| *disk).collect()
     }
 
     /// Stamps a frame with the gain, and with where the lens stood for all of it; nothing where that is not known, or it moved.
@@ -198,12 +201,16 @@ impl CameraActor {
     }
 
     /// Gives an image its number, the series of triggers that it belongs to, and the mark of a simulation.
-    async fn number(&self, image: ImageCounter, state: &State, stamp: &mut Stamp) {
-        let next = ImageCounter(image.0.wrapping_add(1));
-        self.numbers.store(next.0, Ordering::Relaxed);
+    fn number(&self, image: ImageCounter, state: &State, stamp: &mut Stamp) {
+        self.numbers.store(image.0.wrapping_add(1), Ordering::Relaxed);
         stamp.image = image;
         stamp.trigger = stamp.trigger.or_else(|| state.trigger());
         stamp.simulated |= state.simulated.any();
+    }
+
+    /// Has an image counted: from now on it must end in an outcome.
+    async fn count(&self, stamp: &Stamp) {
+        let next = ImageCounter(stamp.image.0.wrapping_add(1));
         self.hub.tell(ToHub::Captured { next }).await;
         self.set_open(Some(stamp.clone()));
     }

@@ -392,6 +392,7 @@ impl Soak {
             Class::HousekeepingActor => upset(Actor::Housekeeping),
             Class::ListenerActor => upset(Actor::Listener),
             Class::RecorderActor => upset(Actor::Recorder),
+            Class::ArchiveActor => upset(Actor::Archive),
             Class::LedgerActor => upset(Actor::Ledger),
             Class::HubActor => upset(Actor::Hub),
             Class::Strangers => drop(tasks.spawn(strangers(self.connect(9), self.settings.network.max_connections, until))),

@@ -113,6 +113,8 @@ pub enum Class {
     /// See there.
     RecorderActor,
     /// See there.
+    ArchiveActor,
+    /// See there.
     LedgerActor,
     /// See there.
     HubActor,
@@ -122,7 +124,7 @@ pub enum Class {
 
 impl Class {
     /// Every class.
-    pub const ALL: [Self; 55] = [
+    pub const ALL: [Self; 56] = [
         Self::ComputerReboots,
         Self::ComputerStalls,
         Self::LinkCut,
@@ -175,6 +177,7 @@ impl Class {
         Self::HousekeepingActor,
         Self::ListenerActor,
         Self::RecorderActor,
+        Self::ArchiveActor,
         Self::LedgerActor,
         Self::HubActor,
         Self::ServiceRestarts,
