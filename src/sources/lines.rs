@@ -3,6 +3,8 @@
 
 #![allow(clippy::indexing_slicing, reason = "a numeric kernel: indices run over the list of places itself")]
 
+use crate::sky::{Kernel, with_vectors};
+
 /// A place belongs to a line within this distance, samples.
 const REACH: f32 = 3.0;
 /// Places further apart than this span a line, samples: nearer ones say too little about its direction.
@@ -16,6 +18,7 @@ const ASTRAY: f32 = 0.3;
 /// Lines looked for, and places on ridges looked at: a line of many is found among the best.
 const MOST_LINES: usize = 4;
 const MOST_PLACES: usize = 60;
+const ROOM: usize = MOST_PLACES.next_multiple_of(8);
 
 /// A line, as the unit vector across it and the distance from the origin.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,9 +29,10 @@ pub struct Line {
 
 impl Line {
     /// The line through two places that are far enough apart.
+    #[inline(always)]
     fn through(a: (f32, f32), b: (f32, f32)) -> Option<Self> {
         let (dx, dy) = (b.0 - a.0, b.1 - a.1);
-        let length = dx.hypot(dy);
+        let length = (dx * dx + dy * dy).sqrt();
         (length >= LEAST_SPAN).then(|| {
             let across = (-dy / length, dx / length);
             Self { across, distance: a.0 * across.0 + a.1 * across.1 }
@@ -44,25 +48,53 @@ impl Line {
 /// The lines that hold most of the places on ridges, one after the other. `along`: where the places are of trails, the direction of these.
 pub fn find(mut places: Vec<(f32, f32)>, along: Option<(f32, f32)>) -> Vec<Line> {
     let least = if along.is_some() { LEAST_TRAILS } else { LEAST_PLACES };
-    let is_along = |line: &Line| along.is_none_or(|(x, y)| (x * line.across.0 + y * line.across.1).abs() <= ASTRAY * x.hypot(y));
     let mut lines = Vec::new();
     places.truncate(MOST_PLACES);
     while lines.len() < MOST_LINES && places.len() >= least {
-        let mut best: Option<(usize, Line)> = None;
-        for (i, &a) in places.iter().enumerate() {
-            for &b in &places[i + 1..] {
-                let Some(line) = Line::through(a, b).filter(is_along) else { continue };
-                let count = places.iter().map(|p| usize::from(line.passes(*p))).sum();
-                if count >= least && best.is_none_or(|(most, _)| count > most) {
-                    best = Some((count, line));
-                }
-            }
-        }
-        let Some((_, line)) = best else { break };
+        let Some(line) = with_vectors(Fullest { places: &places, along, least }) else { break };
         places.retain(|p| !line.passes(*p));
         lines.push(line);
     }
     lines
+}
+
+/// The line through two of the places that holds most of them, and no fewer than `least`; of equals the first.
+struct Fullest<'a> {
+    places: &'a [(f32, f32)],
+    along: Option<(f32, f32)>,
+    least: usize,
+}
+
+impl Kernel for Fullest<'_> {
+    type Output = Option<Line>;
+
+    #[inline(always)]
+    fn run(self) -> Option<Line> {
+        let Self { places, along, least } = self;
+        let along = along.map(|(x, y)| (x, y, ASTRAY * x.hypot(y)));
+        let is_along = |line: &Line| along.is_none_or(|(x, y, most)| (x * line.across.0 + y * line.across.1).abs() <= most);
+        // Room for as many as are looked at, so that all are counted in whole vectors; what is not filled lies on no line.
+        let (mut x, mut y) = ([f32::INFINITY; ROOM], [0f32; ROOM]);
+        for (n, place) in places.iter().enumerate().take(ROOM) {
+            (x[n], y[n]) = *place;
+        }
+        let mut best: Option<(i32, Line)> = None;
+        for (i, &a) in places.iter().enumerate() {
+            for &b in &places[i + 1..] {
+                let Some(line) = Line::through(a, b).filter(is_along) else { continue };
+                // Without a check of overflow, which would keep it from being done in vectors.
+                let mut count = 0i32;
+                for n in 0..ROOM {
+                    let is_on = (x[n] * line.across.0 + y[n] * line.across.1 - line.distance).abs() <= REACH;
+                    count = count.wrapping_add(i32::from(is_on));
+                }
+                if count as usize >= least && best.is_none_or(|(most, _)| count > most) {
+                    best = Some((count, line));
+                }
+            }
+        }
+        best.map(|(_, line)| line)
+    }
 }
 
 #[cfg(test)]

@@ -18,6 +18,8 @@ const BOX: usize = 5;
 const CORE: usize = 3;
 const CORE_SIDE: usize = 2 * CORE + 1;
 const CORE_N: usize = CORE_SIDE * CORE_SIDE;
+/// A row of the core and one more sample, which counts for nothing.
+const CORE_LANES: usize = CORE_SIDE + 1;
 
 fn inside<P: Picture>(picture: &P, x: usize, y: usize) -> bool {
     x >= MARGIN && y >= MARGIN && x + MARGIN < picture.width() && y + MARGIN < picture.height()
@@ -94,17 +96,25 @@ impl Patch {
         means
     }
 
-    /// Takes off the slope of the surroundings, so that what is left is even on all sides of the peak.
+    /// The slope of the surroundings, along x and y, ADU a sample; and the means of the nine boxes without it.
     ///
     /// Along each axis it is the middle one of three, from the boxes on either side: a star in one box does not tilt the rest.
     #[inline(always)]
-    pub fn level_out(&mut self) {
+    pub fn surroundings(&self) -> Surroundings {
         let m = self.box_means();
         let across = (2 * BOX) as f32;
         let (gx, gy) = (
             middle_of_three(m[2] - m[0], m[5] - m[3], m[8] - m[6]) / across,
             middle_of_three(m[6] - m[0], m[7] - m[1], m[8] - m[2]) / across,
         );
+        // From box to box it is five samples.
+        let level = |n: usize| BOX as f32 * (gx * ((n % 3) as f32 - 1.0) + gy * ((n / 3) as f32 - 1.0));
+        Surroundings { slope: (gx, gy), boxes: std::array::from_fn(|n| m[n] - level(n)) }
+    }
+
+    /// Takes a slope off, so that what is left is even on all sides of the peak.
+    #[inline(always)]
+    pub fn level_out(&mut self, (gx, gy): (f32, f32)) {
         for (j, row) in self.samples.iter_mut().enumerate() {
             let from_y = gy * (j as f32 - HALF as f32);
             for (i, sample) in row.iter_mut().enumerate() {
@@ -140,6 +150,15 @@ impl Patch {
         }
         highest / SPOKE_SAMPLES as f32 - base
     }
+}
+
+/// What lies around a peak.
+#[derive(Debug, Clone, Copy)]
+pub struct Surroundings {
+    /// Along x and y, ADU a sample.
+    pub slope: (f32, f32),
+    /// Means of the nine boxes without it, row after row, ADU.
+    boxes: [f32; 9],
 }
 
 /// Sixteen directions over half a turn, each as the nearest samples 4, 5, 6 and 7 samples from the middle.
@@ -258,7 +277,8 @@ pub(super) fn exp_of_negative(x: f32) -> f32 {
 /// The point spread function over a core, normalised to a sum of 1.
 #[derive(Debug, Clone)]
 pub struct CoreTemplate {
-    weights: [f32; CORE_N],
+    /// Row after row, each with room for a whole vector.
+    weights: [[f32; CORE_LANES]; CORE_SIDE],
     sum_sq: f32,
 }
 
@@ -266,14 +286,15 @@ impl CoreTemplate {
     /// The template of a shape.
     pub fn new(shape: &Shape) -> Self {
         let inverse = shape.inverse();
-        let mut weights = [0f32; CORE_N];
-        for (n, w) in weights.iter_mut().enumerate() {
-            let (i, j) = (n % CORE_SIDE, n / CORE_SIDE);
-            *w = Shape::value(inverse, i as f32 - CORE as f32, j as f32 - CORE as f32);
+        let mut weights = [[0f32; CORE_LANES]; CORE_SIDE];
+        for (j, row) in weights.iter_mut().enumerate() {
+            for (i, w) in row.iter_mut().enumerate().take(CORE_SIDE) {
+                *w = Shape::value(inverse, i as f32 - CORE as f32, j as f32 - CORE as f32);
+            }
         }
-        let total: f32 = weights.iter().sum();
-        weights.iter_mut().for_each(|w| *w /= total);
-        Self { weights, sum_sq: weights.iter().map(|w| w * w).sum() }
+        let total: f32 = weights.as_flattened().iter().sum();
+        weights.as_flattened_mut().iter_mut().for_each(|w| *w /= total);
+        Self { weights, sum_sq: weights.as_flattened().iter().map(|w| w * w).sum() }
     }
 }
 
@@ -304,20 +325,32 @@ impl Standing {
     /// Measures a patch, levelled out, whose samples have the noise `sigma`, ADU; whether a ridge runs through it is left open.
     #[inline(always)]
     pub fn measure(patch: &Patch, template: &CoreTemplate, sigma: f32) -> Self {
-        let nine = patch.box_means();
+        let around = Surroundings { slope: (0.0, 0.0), boxes: patch.box_means() };
+        Self::measure_in(patch, &around, template, sigma)
+    }
+
+    /// As [`Self::measure`], of a patch that is not levelled out yet, in its surroundings.
+    #[inline(always)]
+    pub fn measure_in(patch: &Patch, around: &Surroundings, template: &CoreTemplate, sigma: f32) -> Self {
+        let nine = around.boxes;
         let mut means = [nine[0], nine[1], nine[2], nine[3], nine[5], nine[6], nine[7], nine[8]];
         sort_eight(&mut means);
         let base = 0.25 * (means[2] + means[3] + means[4] + means[5]);
         let brightest = 0.5 * (means[6] + means[7]);
         let sigma = sigma.max(LEAST_NOISE);
-        let (mut filtered, mut power) = (0f32, 0f32);
-        for (row, weights) in patch.samples[HALF - CORE..=HALF + CORE].iter().zip(template.weights.chunks_exact(CORE_SIDE)) {
-            for i in 0..CORE_SIDE {
-                let d = row[HALF - CORE + i] - base;
-                filtered += d * weights[i];
-                power += d * d;
+        let (gx, gy) = around.slope;
+        let (mut filtered, mut power) = ([0f32; CORE_LANES], [0f32; CORE_LANES]);
+        for (j, weights) in template.weights.iter().enumerate() {
+            let row = patch.samples[HALF - CORE + j][HALF - CORE..].first_chunk().unwrap_or(&[0f32; CORE_LANES]);
+            let level = base + gy * (j as f32 - CORE as f32);
+            for i in 0..CORE_LANES {
+                let d = row[i] - (level + gx * (i as f32 - CORE as f32));
+                filtered[i] += d * weights[i];
+                power[i] += d * d;
             }
         }
+        power[CORE_SIDE] = 0.0;
+        let [filtered, power] = [filtered, power].map(|v| ((v[0] + v[4]) + (v[1] + v[5])) + ((v[2] + v[6]) + (v[3] + v[7])));
         let flux = filtered / template.sum_sq;
         // A constant step of the base changes the filtered sum by as much, because the weights sum to 1.
         let noise = sigma * template.sum_sq.sqrt();
@@ -403,7 +436,7 @@ mod tests {
         let mut picture = plane(900.0, 15.3, 14.8, &shape);
         picture.pixels.iter_mut().enumerate().for_each(|(n, p)| *p += 20.0 * (n % 31) as f32 - 9.0 * (n / 31) as f32);
         let mut patch = Patch::cut(&picture, 15, 15).unwrap();
-        patch.level_out();
+        patch.level_out(patch.surroundings().slope);
         let standing = whole(&patch, &CoreTemplate::new(&shape));
         assert!(standing.is_star_like() && standing.confidence > 0.9 * standing.snr, "{standing:?}");
         let found = centroid(&patch, &standing, &shape, 8.0, 0.0).unwrap();

@@ -74,8 +74,7 @@ impl Finder {
         scale: usize,
         round: &[Peak],
     ) -> Option<Survey> {
-        let mut found: Vec<Trails> =
-            (0..trails::DIRECTIONS).map(|direction| self.find_trails(cells, look, scale, direction, round)).collect();
+        let mut found = self.find_trails(cells, look, scale, round);
         found.sort_by(|a, b| b.promise.total_cmp(&a.promise));
         let mut best: Option<Survey> = None;
         for Trails { kernel, peaks, .. } in found.into_iter().take(JUDGED_DIRECTIONS) {
@@ -124,18 +123,22 @@ impl Finder {
         confidences.iter().take(DECIDING).map(|c| (c - look.settings.min_snr as f32).max(0.0).powi(2)).sum()
     }
 
-    /// The peaks along a direction, in the smoothed picture of the round kernel just searched with.
-    fn find_trails(&self, cells: &CellStatistics, look: &Look<'_>, scale: usize, direction: usize, round: &[Peak]) -> Trails {
-        let kernel = SearchKernel::Trail { scale, direction };
-        let thresholds: Vec<f32> = self.thresholds.iter().map(|threshold| trails::noise(direction) * threshold).collect();
-        let masked = look.masked_at(cells, kernel.scale());
-        let rules = PeakRules { per_cell: TRAILS_PER_CELL, ..look.rules(kernel, &self.smooth, &thresholds, &masked) };
-        let mut peaks = Vec::new();
-        trails::find(&self.smooth, &rules, round, direction, &mut peaks);
-        let highest = peaks.chunk_by(|a, b| a.cell(rules.cell) == b.cell(rules.cell)).filter_map(<[Peak]>::first);
-        let mut heights: Vec<f32> =
-            highest.map(|peak| (peak.height / rules.threshold_at(peak.x, peak.y) - 1.0).min(MOST_PROMISE)).collect();
-        heights.sort_unstable_by(|a, b| b.total_cmp(a));
-        Trails { kernel, peaks, promise: heights.iter().take(DECIDING).map(|height| height * height).sum() }
+    /// The peaks along every direction, in the smoothed picture of the round kernel just searched with.
+    fn find_trails(&self, cells: &CellStatistics, look: &Look<'_>, scale: usize, round: &[Peak]) -> Vec<Trails> {
+        let kernel = |direction: usize| SearchKernel::Trail { scale, direction };
+        let masked = look.masked_at(cells, scale);
+        let rules = PeakRules { per_cell: TRAILS_PER_CELL, ..look.rules(kernel(0), &self.smooth, &self.thresholds, &masked) };
+        let found = trails::find(&self.smooth, &rules, round);
+        let trails_of = |(direction, peaks): (usize, Vec<Peak>)| {
+            let highest = peaks.chunk_by(|a, b| a.cell(rules.cell) == b.cell(rules.cell)).filter_map(<[Peak]>::first);
+            let noise = trails::noise(direction);
+            let mut heights: Vec<f32> = highest
+                .map(|peak| (peak.height / (noise * rules.threshold_at(peak.x, peak.y)) - 1.0).min(MOST_PROMISE))
+                .collect();
+            heights.sort_unstable_by(|a, b| b.total_cmp(a));
+            let promise = heights.iter().take(DECIDING).map(|height| height * height).sum();
+            Trails { kernel: kernel(direction), peaks, promise }
+        };
+        found.into_iter().enumerate().map(trails_of).collect()
     }
 }

@@ -8,6 +8,7 @@
 use super::measure::Shape;
 use super::peaks::{Peak, PeakRules};
 use super::plane::Plane;
+use crate::sky::{Kernel, with_vectors};
 
 /// Directions over half a turn.
 pub const DIRECTIONS: usize = 8;
@@ -48,45 +49,81 @@ pub fn shape_of(direction: usize) -> Shape {
     Shape { xx: LENGTHS_SQ * dx * dx + 1.0, yy: LENGTHS_SQ * dy * dy + 1.0, xy: LENGTHS_SQ * dx * dy }
 }
 
-/// The best peaks of each cell along a direction, looked for beside its highest round peaks alone: a line that stands out has some of
+/// Side of the square around a place that all directions need, samples; and of the lanes that its rows are counted in.
+const SIDE: usize = 2 * (BESIDE + REACH) + 1;
+const TRIED: usize = 2 * BESIDE + 1;
+const LANES: usize = 4;
+
+/// The best peaks of each cell along every direction, looked for beside its highest round peaks alone: a line that stands out has some of
 /// them on it. `round`: peaks of the smoothed picture, cell after cell, the highest of each first.
-pub fn find(smooth: &Plane, rules: &PeakRules<'_>, round: &[Peak], direction: usize, peaks: &mut Vec<Peak>) {
-    peaks.clear();
+pub fn find(smooth: &Plane, rules: &PeakRules<'_>, round: &[Peak]) -> [Vec<Peak>; DIRECTIONS] {
+    let mut found: [Vec<Peak>; DIRECTIONS] = Default::default();
     let border = rules.border.max(BESIDE + REACH);
     if smooth.width <= 2 * border || smooth.height <= 2 * border || rules.cell == 0 {
-        return;
+        return found;
     }
+    let noise: [f32; DIRECTIONS] = std::array::from_fn(noise);
     let (columns, rows) = (border..smooth.width - border, border..smooth.height - border);
     for of_cell in round.chunk_by(|a, b| a.cell(rules.cell) == b.cell(rules.cell)) {
-        let first = peaks.len();
+        let first = found.each_ref().map(Vec::len);
         for start in of_cell.iter().take(ROUND_PER_CELL).filter(|p| columns.contains(&p.x) && rows.contains(&p.y)) {
-            let peak = highest_beside(smooth, start, direction);
-            let known = peaks[first..].iter().any(|p| (p.x, p.y) == (peak.x, peak.y));
-            if peak.height > rules.threshold_at(peak.x, peak.y) && !known && !(rules.masked)(peak.x, peak.y) {
-                peaks.push(peak);
+            let highest = with_vectors(HighestBeside { smooth, start });
+            for (direction, (peak, peaks)) in highest.into_iter().zip(&mut found).enumerate() {
+                let known = peaks[first[direction]..].iter().any(|p| (p.x, p.y) == (peak.x, peak.y));
+                let stands_out = peak.height > noise[direction] * rules.threshold_at(peak.x, peak.y);
+                if stands_out && !known && !(rules.masked)(peak.x, peak.y) {
+                    peaks.push(peak);
+                }
             }
         }
-        peaks[first..].sort_by(|a, b| b.height.total_cmp(&a.height));
-        peaks.truncate(first + rules.per_cell);
+        for (peaks, first) in found.iter_mut().zip(first) {
+            peaks[first..].sort_by(|a, b| b.height.total_cmp(&a.height));
+            peaks.truncate(first + rules.per_cell);
+        }
     }
+    found
 }
 
-/// Where the mean along a direction is highest, from [`BESIDE`] samples before a place to as many after it both ways.
-fn highest_beside(smooth: &Plane, start: &Peak, direction: usize) -> Peak {
-    let (dx, dy) = ARMS[direction % DIRECTIONS];
-    let arm = dy as isize * smooth.width as isize + dx;
-    let mut best = Peak { height: f32::MIN, ..*start };
-    for y in start.y - BESIDE..=start.y + BESIDE {
-        for x in start.x - BESIDE..=start.x + BESIDE {
-            let at = y * smooth.width + x;
-            let (one, other) = (at.wrapping_add_signed(-arm), at.wrapping_add_signed(arm));
-            let height = (smooth.pixels[one] + smooth.pixels[at] + smooth.pixels[other]) * (1.0 / 3.0);
-            if height > best.height {
-                best = Peak { x, y, height };
-            }
+/// Where the mean along each direction is highest, from [`BESIDE`] samples before a place to as many after it both ways.
+struct HighestBeside<'a> {
+    smooth: &'a Plane,
+    start: &'a Peak,
+}
+
+impl Kernel for HighestBeside<'_> {
+    type Output = [Peak; DIRECTIONS];
+
+    #[inline(always)]
+    fn run(self) -> [Peak; DIRECTIONS] {
+        let Self { smooth, start } = self;
+        // Cut once for all directions, each row with room for the last lanes.
+        let mut square = [[0f32; SIDE + LANES]; SIDE];
+        for (j, row) in square.iter_mut().enumerate() {
+            let from = (start.y + j - BESIDE - REACH) * smooth.width + start.x - BESIDE - REACH;
+            row[..SIDE].copy_from_slice(&smooth.pixels[from..from + SIDE]);
         }
+        let row = |j: usize, i: usize| square[j][i..].first_chunk::<LANES>().copied().unwrap_or([0.0; LANES]);
+        ARMS.map(|(dx, dy)| {
+            // The highest of each column, chosen without a branch, and then the highest of these.
+            let (mut heights, mut rows) = ([f32::MIN; LANES], [0; LANES]);
+            for j in 0..TRIED {
+                let here = row(REACH + j, REACH);
+                let one = row(REACH + j - dy, REACH.wrapping_add_signed(-dx));
+                let other = row(REACH + j + dy, REACH.wrapping_add_signed(dx));
+                for i in 0..LANES {
+                    let height = (one[i] + here[i] + other[i]) * (1.0 / 3.0);
+                    let is_higher = height > heights[i];
+                    heights[i] = if is_higher { height } else { heights[i] };
+                    rows[i] = if is_higher { j } else { rows[i] };
+                }
+            }
+            let mut best = 0;
+            for i in 1..TRIED {
+                best = if heights[i] > heights[best] { i } else { best };
+            }
+            Peak { x: start.x + best - BESIDE, y: start.y + rows[best] - BESIDE, height: heights[best] }
+        })
     }
-    best
 }
 
 #[cfg(test)]
@@ -126,10 +163,9 @@ mod tests {
         for direction in 0..DIRECTIONS {
             let (mut smooth, mut round) = (Plane::default(), Vec::new());
             assert!(PeakFinder::default().find(&trail(direction), &rules, &|| true, Some(&mut smooth), &mut round));
+            let found = find(&smooth, &rules, &round);
             let height = |d: usize| {
-                let mut peaks = Vec::new();
-                find(&smooth, &rules, &round, d, &mut peaks);
-                let highest = peaks.iter().max_by(|a, b| a.height.total_cmp(&b.height)).unwrap();
+                let highest = found[d].iter().max_by(|a, b| a.height.total_cmp(&b.height)).unwrap();
                 assert!(highest.x.abs_diff(60) <= 1 && highest.y.abs_diff(50) <= 1, "{highest:?}");
                 highest.height
             };
