@@ -75,8 +75,37 @@ pub struct PatternSearch<'a> {
     need: usize,
     best: Option<Hypothesis>,
     tally: SearchTally,
+    /// What of the sources does not depend on a triangle.
+    prepared: Prepared,
     /// Cells of the sky that the sources fall into, for each candidate.
     cells: Vec<[u32; MAX_SOURCES]>,
+}
+
+/// Sources as the search wants them: measured once, where every triangle would do it again.
+struct Prepared {
+    /// Directions, component by component; where there are fewer, those of the first.
+    directions: [[f32; MAX_SOURCES]; 3],
+    /// How far each may lie from its star, rad at the middle plate scale.
+    tolerance: [f64; MAX_SOURCES],
+    /// Chord between each two.
+    chord: [[f64; MAX_SOURCES]; MAX_SOURCES],
+}
+
+impl Prepared {
+    fn new(sources: &[PatternSource], field: &Field, geometry: &FrameGeometry) -> Self {
+        let first = sources.first().map_or_else(Vec3::z, |source| source.direction);
+        let directions =
+            [0, 1, 2].map(|axis| std::array::from_fn(|i| sources.get(i).map_or(&first, |source| &source.direction)[axis] as f32));
+        let reach = |source: &PatternSource| (CORNER_SIGMAS * source.sigma).hypot(DISTORTED_PX).min(geometry.tolerance);
+        let tolerance = std::array::from_fn(|i| sources.get(i).map_or(0.0, |source| field.geometry.platescale * reach(source)));
+        let mut chord = [[0.0; MAX_SOURCES]; MAX_SOURCES];
+        for (chords, source) in chord.iter_mut().zip(sources) {
+            for (chord, other) in chords.iter_mut().zip(sources) {
+                *chord = (source.direction - other.direction).norm();
+            }
+        }
+        Self { directions, tolerance, chord }
+    }
 }
 
 impl<'a> PatternSearch<'a> {
@@ -93,6 +122,7 @@ impl<'a> PatternSearch<'a> {
             need: if sources.len() > FEW_SOURCES { 3 } else { 2 },
             best: None,
             tally: SearchTally::default(),
+            prepared: Prepared::new(sources, field, geometry),
             cells: Vec::new(),
         }
     }
@@ -133,23 +163,17 @@ impl<'a> PatternSearch<'a> {
     /// What to look up for one triangle of sources: every labelling that the errors of its corners allow.
     #[inline(always)]
     fn ask(&self, [p, q, r]: [usize; 3], queries: &mut Vec<TriangleQuery>, planes: &mut Vec<SourcePlane<3>>) {
-        let tolerance = self.tolerance(&[p, q, r]);
+        let Prepared { tolerance, chord, .. } = &self.prepared;
+        let tolerance = tolerance[p].max(tolerance[q]).max(tolerance[r]);
         for [a, b, c] in [[p, q, r], [q, p, r], [p, r, q], [r, p, q], [q, r, p], [r, q, p]] {
-            let (x, y, length) = shape(&self.sources[a].direction, &self.sources[b].direction, &self.sources[c].direction);
-            let slack = tolerance / length;
-            let longest = x * x + y * y <= (1.0 + slack).powi(2) && (1.0 - x).powi(2) + y * y <= (1.0 + slack).powi(2);
-            if longest && x <= 0.5 + slack {
-                queries.push(TriangleQuery { x, y, tolerance: slack, length: self.length_range(length, tolerance) });
-                planes.push(SourcePlane::new(self.sources, [a, b, c]));
+            let (ab, ac, bc) = (chord[a][b], chord[a][c], chord[b][c]);
+            let is_longest = ac.max(bc) <= ab + tolerance;
+            if is_longest && ac * ac - bc * bc <= 2.0 * tolerance * ab {
+                let (x, y, length) = shape(&self.sources[a].direction, &self.sources[b].direction, &self.sources[c].direction);
+                queries.push(TriangleQuery { x, y, tolerance: tolerance / length, length: self.length_range(length, tolerance) });
+                planes.push(SourcePlane::new(self.sources, &self.prepared.directions, [a, b, c]));
             }
         }
-    }
-
-    /// How far the worst of some corners may lie from its star, rad at the middle plate scale.
-    #[inline(always)]
-    fn tolerance(&self, corners: &[usize]) -> f64 {
-        let sigma = corners.iter().map(|&c| self.sources[c].sigma).fold(0.0, f64::max);
-        self.field.geometry.platescale * (CORNER_SIGMAS * sigma).hypot(DISTORTED_PX).min(self.geometry.tolerance)
     }
 
     /// Lengths on the sky that a length at the middle plate scale may be.
@@ -293,7 +317,7 @@ struct SourcePlane<const N: usize> {
 
 impl<const N: usize> SourcePlane<N> {
     #[inline(always)]
-    fn new(sources: &[PatternSource], corners: [usize; N]) -> Self {
+    fn new(sources: &[PatternSource], directions: &[[f32; MAX_SOURCES]; 3], corners: [usize; N]) -> Self {
         let at = corners.map(|c| sources[c].direction);
         let middle = at.iter().sum::<Vec3>().normalize();
         let along = (at[1] - at[0]).cross(&middle).normalize();
@@ -306,10 +330,15 @@ impl<const N: usize> SourcePlane<N> {
         let mean = projected.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p.0 / N as f64, sum.1 + p.1 / N as f64));
         let from_mean = |p: (f64, f64)| (p.0 - mean.0, p.1 - mean.1);
         let spread: f64 = projected.iter().map(|&p| from_mean(p)).map(|p| p.0 * p.0 + p.1 * p.1).sum();
+        // The places of all need no more than single precision, in which vectors have them.
+        let single = |v: &Vec3| [v.x as f32, v.y as f32, v.z as f32];
+        let ([a, b, c], mean_x, mean_y) = ([&along, &across, &middle].map(single), mean.0 as f32, mean.1 as f32);
+        let [dx, dy, dz] = directions;
         let (mut x, mut y) = ([0f32; MAX_SOURCES], [0f32; MAX_SOURCES]);
-        for (source, (x, y)) in sources.iter().zip(x.iter_mut().zip(&mut y)) {
-            let place = from_mean(project(&source.direction));
-            (*x, *y) = (place.0 as f32, place.1 as f32);
+        for i in 0..MAX_SOURCES {
+            let depth = 1.0 / (dx[i] * c[0] + dy[i] * c[1] + dz[i] * c[2]);
+            x[i] = (dx[i] * a[0] + dy[i] * a[1] + dz[i] * a[2]) * depth - mean_x;
+            y[i] = (dx[i] * b[0] + dy[i] * b[1] + dz[i] * b[2]) * depth - mean_y;
         }
         Self {
             corner_weights: projected.map(from_mean).map(|p| (p.0 / spread, p.1 / spread)),

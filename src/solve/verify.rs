@@ -140,18 +140,38 @@ const BRIGHT_SHARE: f64 = 0.75;
 
 /// Stars of the field that a pose puts on the picture, with where.
 pub fn project_stars(field: &Field, pose: &Pose, geometry: &FrameGeometry, rank_below: u8, out: &mut Vec<(usize, f64, f64)>) {
-    out.clear();
-    let radius = 1.02 * (geometry.half_diagonal * pose.platescale).atan();
-    let (half_w, half_h) = (0.5 * geometry.size.0 + geometry.tolerance, 0.5 * geometry.size.1 + geometry.tolerance);
+    let near = stars_near(field, pose, geometry, rank_below);
+    project(&near, field, pose, geometry, out);
+}
+
+/// Stars of the field around the picture that a pose takes: all that are on it, and on that of any pose which differs by no more than
+/// some pixels.
+fn stars_near(field: &Field, pose: &Pose, geometry: &FrameGeometry, rank_below: u8) -> Vec<usize> {
+    /// Part of the half diagonal beyond it: three times the tolerance that flies.
+    const MARGIN: f64 = 0.02;
+    let mut near = Vec::new();
+    let radius = (1.0 + MARGIN) * (geometry.half_diagonal * pose.platescale).atan();
     field.stars.near(&pose.attitude.boresight(), radius, |i, star| {
-        if star.rank < rank_below
+        if star.rank < rank_below {
+            near.push(i);
+        }
+    });
+    near
+}
+
+/// Those of some stars that a pose puts on the picture, with where.
+fn project(near: &[usize], field: &Field, pose: &Pose, geometry: &FrameGeometry, out: &mut Vec<(usize, f64, f64)>) {
+    out.clear();
+    let (half_w, half_h) = (0.5 * geometry.size.0 + geometry.tolerance, 0.5 * geometry.size.1 + geometry.tolerance);
+    for &i in near {
+        if let Some(star) = field.stars.stars.get(i)
             && let Some((left, up)) = pose.project(&star.direction, geometry.half_diagonal)
             && left.abs() <= half_w
             && up.abs() <= half_h
         {
             out.push((i, left, up));
         }
-    });
+    }
 }
 
 /// One-to-one assignment of sources to projected stars within a tolerance that may differ by source: nearest pairs first.
@@ -214,13 +234,13 @@ pub fn verify_from(
 ) -> Option<Hypothesis> {
     let mut pose = *start;
     let mut ln_peak = 0.0;
-    let mut stars = Vec::new();
-    let mut matches = Vec::new();
+    let near = stars_near(field, start, geometry, field.verification_rank);
+    let (mut stars, mut matches) = (Vec::new(), Vec::new());
     // The first round's tolerance allows for what a small triangle's errors become at the far corner. All σ are nearly equal here: a
     // wrong pair among right ones must not dominate by a small σ.
     const LEAST_SIGMA_PX: f64 = 0.5;
     for tolerance in [geometry.tolerance, 0.6 * geometry.tolerance] {
-        project_stars(field, &pose, geometry, field.verification_rank, &mut stars);
+        project(&near, field, &pose, geometry, &mut stars);
         assign(sources, &stars, |_| tolerance, &mut matches);
         if matches.len() < at_first {
             return None;
@@ -229,7 +249,7 @@ pub fn verify_from(
         let fitted = fit(&pairs, &pose, geometry.half_diagonal, &geometry.prior)?;
         (pose, ln_peak) = (fitted.pose, fitted.ln_peak(&geometry.prior));
     }
-    project_stars(field, &pose, geometry, field.verification_rank, &mut stars);
+    project(&near, field, &pose, geometry, &mut stars);
     assign(sources, &stars, |_| 0.6 * geometry.tolerance, &mut matches);
     if matches.len() < min_matched {
         return None;
