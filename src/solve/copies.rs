@@ -24,10 +24,13 @@ pub fn nearest_copy(sources: &[PatternSource], matches: &[Assigned], nearest_px:
     let way = |star: &PatternSource, other: &PatternSource| (other.left - star.left, other.up - star.up);
     let ways: Vec<(f64, f64)> = stars
         .flat_map(|star| others.iter().map(move |other| way(star, other)))
-        .filter(|w| (nearest_px..FURTHEST_PX).contains(&w.0.hypot(w.1)))
+        .filter(|w| (nearest_px * nearest_px..FURTHEST_PX * FURTHEST_PX).contains(&(w.0 * w.0 + w.1 * w.1)))
         .collect();
     let least = ((SHARE * matches.len().min(MOST) as f64).ceil() as usize).max(LEAST);
-    let shared = |w: &&(f64, f64)| ways.iter().filter(|v| (v.0 - w.0).hypot(v.1 - w.1) < SAME_PX).count() >= least;
+    let is_same = |v: &(f64, f64), w: &(f64, f64)| (v.0 - w.0).powi(2) + (v.1 - w.1).powi(2) < SAME_PX * SAME_PX;
+    // No check of overflow, which would keep it from being done in vectors.
+    let count = |w: &(f64, f64)| ways.iter().fold(0usize, |sum, v| sum.wrapping_add(usize::from(is_same(v, w))));
+    let shared = |w: &&(f64, f64)| count(w) >= least;
     ways.iter().filter(shared).map(|w| w.0.hypot(w.1)).min_by(f64::total_cmp)
 }
 
