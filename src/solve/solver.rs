@@ -480,11 +480,14 @@ impl Solver {
         let (mut fit, mut matches) = refine(all, &found.pose, &found.matches, field, &self.catalogue, geometry, years)?;
         let mut all = all.to_vec();
         let tried = all.len().min(self.settings.solver.sources.max_sources as usize);
-        let copy_px = nearest_copy(&all, &matches, SEEN_PX).unwrap_or(0.0);
+        // Light that was seen to be in pieces has those within its reach in it already; what was taken for whole stars has none.
+        let copy_px = nearest_copy(&all, &matches, 0.0);
+        let far_copy_px = copy_px.and_then(|_| nearest_copy(&all, &matches, SEEN_PX));
         // What is in the fit's own covariance already: the light's middle is of the same photons as the places of its stars.
         let mut counted = 0.0;
+        // Stars that are there again, moved: which of the pieces is the middle one nobody knows.
         let common_px = match fit_by_light(self, context, &fit, &matches, &mut all, tried, years) {
-            LightFit::AsFound { doubt_px } => doubt_px,
+            LightFit::AsFound { doubt_px } => doubt_px.max(copy_px.unwrap_or(0.0)),
             LightFit::Anew(anew) => {
                 (fit, matches) = (anew.fit, anew.matches);
                 for (source, star) in anew.placed {
@@ -494,7 +497,7 @@ impl Solver {
                     }
                 }
                 counted = 1.0;
-                anew.sigma_px
+                anew.sigma_px.max(far_copy_px.unwrap_or(0.0))
             }
         };
         let mirror = (
@@ -506,8 +509,6 @@ impl Solver {
         // Matches that lie so far off are of several kinds of pieces: where the stars are is not known better than that.
         let common_px =
             if solution.rms_px > WORST_RMS_PX * (1 << context.scale) as f64 { common_px.max(solution.rms_px) } else { common_px };
-        // Stars that are there again, moved: which of the pieces is the middle one nobody knows.
-        let common_px = common_px.max(copy_px);
         // What all sources have in common moves the boresight alone.
         let variance = (common_px * solution.platescale).powi(2);
         let known = solution.covariance.diagonal() * counted;
