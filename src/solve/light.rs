@@ -8,7 +8,7 @@ use super::refine::moved;
 use super::solver::{Context, Solver};
 use super::verify::{Assigned, PatternSource, project_stars};
 use crate::catalog::FieldStar;
-use crate::sources::{KnownStar, Light, PlacedStar, REACH_PX};
+use crate::sources::{KnownStar, Light, PIECE_SHARE, PlacedStar, REACH_PX, Source};
 
 /// Stars are looked at for pieces where fewer of the sources tried than this are catalogued stars, or where they are wider than this.
 const WHOLE_STARS_FRACTION: f64 = 0.75;
@@ -33,6 +33,8 @@ const POOR_OF_RMS: f64 = 0.5;
 /// By this much more doubtful is the middle where a piece may not be seen, one σ per axis, px: of 140 rendered trails two miss a piece, and
 /// are 1.3 and 1.6 px off per axis.
 const HIDDEN_PX: f64 = 0.45;
+/// A piece is surely not hidden where the stars that show none beside them all miss it with less than this probability.
+const SURELY_SEEN: f64 = 1e-3;
 /// Pieces of a star's light nearer than this are seen together, px.
 pub const SEEN_PX: f64 = 0.75 * REACH_PX;
 /// Times that light and pose are measured in turn, and that stars are left out.
@@ -93,7 +95,8 @@ pub fn fit_by_light(
         if whole && best.is_none() && context.scale == 0 {
             // By so much more than chance has it are the sources beside their light: what a trail that is not even on both sides does.
             let beside_sq = 0.5 * (light.middle.0.powi(2) + light.middle.1.powi(2)) - light.sigma * light.sigma;
-            return LightFit::AsFound { doubt_px: beside_sq.max(0.0).sqrt().max(if trailed { hidden_px(&light) } else { 0.0 }) };
+            let hidden_px = if trailed && !shows_no_piece(solver, matches) { hidden_px(&light) } else { 0.0 };
+            return LightFit::AsFound { doubt_px: beside_sq.max(0.0).sqrt().max(hidden_px) };
         }
         // The light is elsewhere, and not known well enough: so far may everything be off.
         let elsewhere = LightFit::AsFound { doubt_px: light.middle.0.hypot(light.middle.1).max(KERNEL_DOUBT * kernel_px) };
@@ -119,6 +122,18 @@ pub fn fit_by_light(
 /// How far the middle may be off because a piece of the light is not seen, one σ, px.
 fn hidden_px(light: &Light) -> f64 {
     if light.faint { HIDDEN_PX } else { 0.0 }
+}
+
+/// Whether the matched stars show that their light has no other piece: beside each of them it would be a source, found unless its noise
+/// hides it. A star that has a source beside it, whatever that is, shows nothing.
+fn shows_no_piece(solver: &Solver, matches: &[Assigned]) -> bool {
+    let least = solver.settings().solver.sources.min_snr;
+    let found = &solver.found;
+    let is_beside = |a: &Source, b: &Source| (a.x - b.x).powi(2) + (a.y - b.y).powi(2) < REACH_PX * REACH_PX;
+    let stars = matches.iter().filter_map(|m| Some((m.source, found.get(m.source)?))).filter(|(_, star)| !star.saturated);
+    let alone = stars.filter(|&(index, star)| !found.iter().enumerate().any(|(i, other)| i != index && is_beside(star, other)));
+    let missed = |star: &Source| 0.5 * libm::erfc((f64::from(PIECE_SHARE) * star.snr - least) * std::f64::consts::FRAC_1_SQRT_2);
+    alone.map(|(_, star)| missed(star)).product::<f64>() < SURELY_SEEN
 }
 
 /// Stars of the field that a pose puts on the picture, brightest first, with the fluxes that the matched ones let expect.

@@ -27,7 +27,7 @@ const LEAST_STARS: usize = 4;
 const LIGHT_SIGMAS: f32 = 3.5;
 const PIECE_SNR: f32 = 5.0;
 /// Exposures of a series are equally long: a piece has not less of the light than this, of the brightest one (which may be two that touch).
-const PIECE_SHARE: f32 = 0.35;
+pub const PIECE_SHARE: f32 = 0.35;
 /// Bins further than this from a place are not the light of one round star there.
 const NEAR: f64 = 3.0;
 /// A star further from its place than this is another, bins.

@@ -19,4 +19,4 @@ mod trails;
 pub use blur::Figure;
 pub use finder::{Finder, Look, Source};
 pub use kernel::SearchKernel;
-pub use light::{KnownStar, Light, PlacedStar, REACH_PX};
+pub use light::{KnownStar, Light, PIECE_SHARE, PlacedStar, REACH_PX};
