@@ -174,12 +174,13 @@ fn fit_placed(
     years: f64,
 ) -> Option<Anew> {
     let (field, geometry) = (context.field, &context.geometry);
+    let all: Vec<KnownStar> = stars.iter().map(|(_, star)| *star).collect();
     let mut entries: Vec<(Assigned, PlacedStar, Pair)> = matches
         .iter()
         .filter(|m| solver.found.get(m.source).is_some_and(|s| !s.saturated))
         .filter_map(|m| {
             let (_, known) = stars.iter().find(|(index, _)| *index == m.star)?;
-            let placed = solver.finder.place(&solver.cells, light, known)?;
+            let placed = solver.finder.place(&solver.cells, light, known, &all)?;
             let star: &FieldStar = field.stars.stars.get(m.star)?;
             let (left, up) = context.camera.offsets(placed.x, placed.y);
             // The axes of the file may run against those of the camera.

@@ -281,9 +281,9 @@ impl Finder {
         Light::of(self.halved.first()?, cells, stars)
     }
 
-    /// Measures a star near its place by the light of all.
-    pub fn place(&self, cells: &CellStatistics, light: &Light, star: &KnownStar) -> Option<PlacedStar> {
-        light.place(self.halved.first()?, cells, star)
+    /// Measures one of the stars near its place by the light of all.
+    pub fn place(&self, cells: &CellStatistics, light: &Light, star: &KnownStar, stars: &[KnownStar]) -> Option<PlacedStar> {
+        light.place(self.halved.first()?, cells, star, stars)
     }
 
     /// The figure that stars are: points, discs, trails. At places, px, with their signal over noise, brightest first; where none are

@@ -243,10 +243,11 @@ impl Light {
         Some(self.shares.iter().zip(bins).map(without).collect())
     }
 
-    /// Measures a star near its place: flux, sky and middle by weighted least squares with this light as the template.
+    /// Measures a star near its place: flux, sky and middle by weighted least squares with this light as the template, the light that its
+    /// neighbours among `stars` have there taken off.
     ///
     /// `None` where it is too faint, too far from its place, or too near the border.
-    pub fn place(&self, plane: &Plane, cells: &CellStatistics, star: &KnownStar) -> Option<PlacedStar> {
+    pub fn place(&self, plane: &Plane, cells: &CellStatistics, star: &KnownStar, stars: &[KnownStar]) -> Option<PlacedStar> {
         const STEPS: usize = 4;
         /// A step this small, of a bin, ends the fit.
         const SETTLED: f64 = 0.01;
@@ -264,13 +265,15 @@ impl Light {
             normal += slopes * slopes.transpose();
         }
         let inverse = normal.cholesky()?.inverse();
+        let mut less_neighbours = [0f32; N];
+        self.take_neighbours(star, stars, &mut less_neighbours);
         let (mut dx, mut dy) = (0.0, 0.0);
         for step in 0..STEPS {
             let corner = corner_of(plane, star.x + BIN_PX as f64 * dx, star.y + BIN_PX as f64 * dy)?;
             let (mut right, mut squares) = (Vector4::<f64>::zeros(), 0.0);
             for &n in &self.window {
                 let (x, y) = place(n);
-                let light = f64::from(corner.bin(plane, n)) - gx * x - gy * y;
+                let light = f64::from(corner.bin(plane, n) + less_neighbours[n]) - gx * x - gy * y;
                 right += slopes(n) * light;
                 squares += light * light;
             }
@@ -592,7 +595,7 @@ mod tests {
         let (mut along, mut across, mut count) = (0.0, 0.0, 0.0);
         for star in &stars {
             let moved = KnownStar { x: star.x + 1.2, y: star.y - 0.7, ..*star };
-            let Some(placed) = light.place(&plane, &cells, &moved) else { continue };
+            let Some(placed) = light.place(&plane, &cells, &moved, &[]) else { continue };
             along += (placed.x - star.x).powi(2) / placed.covariance.0;
             across += (placed.y - star.y).powi(2) / placed.covariance.1;
             count += 1.0;
