@@ -105,6 +105,23 @@ fn rendered_frames_point_where_they_were_rendered() {
 }
 
 #[test]
+fn a_faint_trail_in_two_pieces_of_which_one_does_not_show_is_not_served_as_the_whole() {
+    let mut solver = solver_with(|s| {
+        (s.solver.matching.platescale_min_arcsec_px, s.solver.matching.platescale_max_arcsec_px) = (9.2, 9.7);
+    });
+    let spec = RenderSpec::new(Kind::Motion, 11, 93);
+    let Rendered { frame, truth } = render(&spec, solver.catalogue()).unwrap();
+    let outcome = solve(&mut solver, &frame);
+    // Its brightest piece alone is a good match, 68″ from the middle of the path.
+    if let Some(solution) = &outcome.solution {
+        let off = separation(&truth.attitude.unwrap().boresight(), &solution.attitude.boresight());
+        let sigma = ((solution.covariance[(0, 0)] + solution.covariance[(1, 1)]) / 2.0).sqrt();
+        assert!(off < 6.0 * sigma, "{:.1}″ off, σ {:.1}″", off / ARCSEC, sigma / ARCSEC);
+    }
+    assert_eq!(outcome.cause, Some(Cause::Trailed), "{}", outcome.detail);
+}
+
+#[test]
 fn the_same_frame_gives_the_same_outcome_whatever_came_before_it() {
     let (frame, _) = clear();
     let mut fresh = solver();
