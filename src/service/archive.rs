@@ -198,7 +198,9 @@ impl Archive {
                     while let Ok(message) = inbox.try_recv() {
                         self.accept(message).await;
                     }
-                    self.backlog.frames().waiting.iter_mut().for_each(|frame| frame.due = Instant::now());
+                    // A disk that had an error a moment ago is tried once more.
+                    desk.not_before = Instant::now();
+                    self.backlog.frames().waiting.iter_mut().for_each(|frame| frame.due = desk.not_before);
                 }
                 Some(message) = inbox.recv(), if !ending => self.accept(message).await,
                 () = sleep_until(due), if desk.writing.is_none() => {}

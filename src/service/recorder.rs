@@ -121,6 +121,8 @@ impl Recorder {
                 }
                 () = self.stop.cancelled(), if !ending => {
                     ending = true;
+                    // A disk that had an error a moment ago is tried once more.
+                    desk.not_before = Instant::now();
                     while let Ok(finished) = inbox.try_recv() {
                         self.accept(finished).await;
                     }

@@ -70,7 +70,8 @@ impl Store {
             None => look_through(&self.rules.directory)?,
         };
         let saved = self.save_to(&mut shelf, frame, outcome, replaces);
-        self.shelf = Some(shelf);
+        // After an error it is looked through again: what it cannot let go is still there.
+        self.shelf = saved.is_ok().then_some(shelf);
         saved
     }
 

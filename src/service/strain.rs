@@ -7,8 +7,8 @@ use super::state::Shed;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// An update that is late by more than this shows strain: a tenth of the time between two.
-pub const LATE: Duration = Duration::from_millis(50);
+/// An update that is late by more than this shows strain: the time between two is to be 0.6 s at most, and 0.5 s is the rule.
+pub const LATE: Duration = Duration::from_millis(100);
 /// What was shed last is given this long to help before more is.
 const HELPS_WITHIN: Duration = Duration::from_secs(2);
 /// After so long without a sign one thing is taken back.
