@@ -83,6 +83,10 @@ pub struct Book {
     /// The boots of the runs.
     boots: BTreeMap<u32, usize>,
     timeout: Option<u64>,
+    /// When a solution came last, or the flight began; and the longest time without one.
+    solved_at: Option<Instant>,
+    /// See there.
+    pub longest_unsolved: Duration,
 }
 
 /// A run of the service that has ended.
@@ -124,6 +128,7 @@ impl Account {
     pub fn begin_run(&self) {
         let mut book = self.book();
         book.runs += 1;
+        book.solved_at.get_or_insert_with(Instant::now);
         book.unreadable.clear();
     }
 
@@ -149,6 +154,7 @@ impl Account {
     pub fn end_run(&self, boot: u32, state: &State, on_disk: &BTreeSet<u32>, late: Vec<&'static str>) {
         let mut book = self.book();
         book.end_images(state, on_disk);
+        book.note_time_unsolved();
         book.ended_runs.push(EndedRun { boot, frames: state.counters.frames_taken, late });
         book.frames += state.counters.frames_taken;
         book.records_lost += state.counters.records_lost;
@@ -201,6 +207,8 @@ impl Account {
             return;
         };
         book.solved += 1;
+        book.note_time_unsolved();
+        book.solved_at = Some(Instant::now());
         let judged = book.truths.get(&(run, number)).copied().flatten().and_then(|truth| Judged::served(pointing, &truth));
         match judged {
             Some(judged) if !judged.is_wrong() => {}
@@ -262,6 +270,11 @@ impl Account {
 }
 
 impl Book {
+    fn note_time_unsolved(&mut self) {
+        let since = self.solved_at.map_or(Duration::ZERO, |at| at.elapsed());
+        self.longest_unsolved = self.longest_unsolved.max(since);
+    }
+
     /// The images of a run that has ended: none may be missing, but for a disk that was dead or full, or a computer that was too slow.
     fn end_images(&mut self, state: &State, on_disk: &BTreeSet<u32>) {
         let run = state.counters.images.get(&Disk::Images).copied().unwrap_or_default();

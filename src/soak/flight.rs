@@ -117,6 +117,8 @@ const LINE_BYTES: usize = 64 * 1024;
 /// What the soak is made of.
 struct Soak {
     plan: Plan,
+    /// When the flight, and its UTC, began.
+    began: Instant,
     settings: Arc<Settings>,
     stars: Stars,
     lens: SimulatedLens,
@@ -148,13 +150,14 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
         faults: Faults::default(),
         charger: if plan.real { Charger::of_real_time() } else { Charger::of_paused_clock() },
         account: Account::default(),
+        began: Instant::now(),
         utc: (!plan.machine_clock).then(|| SimulatedUtc::begin(UNIX_S)),
         handles: [Handle::new(), Handle::new()],
         door: Arc::default(),
         settings,
         plan,
     };
-    let (began, began_really) = (Instant::now(), real_time());
+    let (began, began_really) = (soak.began, real_time());
     let mut tasks = JoinSet::new();
     let mut running = soak.start().await?;
     soak.computers().into_iter().for_each(|computer| drop(tasks.spawn(computer.fly())));
@@ -384,7 +387,7 @@ impl Soak {
                 drop(tasks.spawn(fill(self.plan.directory.join(BALLAST), until)));
             }
             Class::UtcJumps => {
-                self.utc.into_iter().for_each(|utc| drop(tasks.spawn(jump(utc, fault.seed, until))));
+                self.utc.into_iter().for_each(|utc| drop(tasks.spawn(jump(utc, fault.seed, until, self.began))));
             }
             Class::CameraActor => upset(Actor::Camera),
             Class::SolverActor => upset(Actor::Solver),
@@ -481,12 +484,12 @@ async fn fill(ballast: PathBuf, until: Instant) {
 }
 
 /// UTC jumps, or is lost, and comes back.
-async fn jump(utc: &'static SimulatedUtc, seed: u64, until: Instant) {
+async fn jump(utc: &'static SimulatedUtc, seed: u64, until: Instant, began: Instant) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let (before, began) = (utc.unix_s(), Instant::now());
     utc.set(if random.random_range(0..4) == 0 { None } else { Some(UNIX_S + random.random_range(-JUMP_S..JUMP_S)) });
     sleep_until(until).await;
-    utc.set(before.map(|before| before + began.elapsed().as_secs_f64()));
+    // Not what it was before, which another jump may have made.
+    utc.set(Some(UNIX_S + began.elapsed().as_secs_f64()));
 }
 
 /// Strangers that take every place, and say nothing.

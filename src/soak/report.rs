@@ -11,6 +11,8 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Duration;
 
+/// Faults of the lens and of the sky may cost solutions for so long, and no longer: a proof that solves nothing proves little.
+const LONGEST_UNSOLVED: Duration = Duration::from_secs(6 * 3600);
 /// Examples that are printed of what went wrong.
 const EXAMPLES: usize = 5;
 /// Outcomes that can be on their way through the parts of the service: the frame that is solved, the one that waits, and one at each door.
@@ -121,6 +123,9 @@ impl Report {
                 .flatten()
                 .collect();
         self.want("frames, solutions and updates", &nothing);
+        let unsolved = book.longest_unsolved;
+        let long = (unsolved > LONGEST_UNSOLVED).then(|| format!("{:.1} h without one", unsolved.as_secs_f64() / 3600.0));
+        self.want("a solution at least every six hours", &long.into_iter().collect::<Vec<_>>());
     }
 
     fn line(&mut self, line: &str) {
