@@ -417,7 +417,9 @@ mod tests {
         let book = account.so_far();
         assert_eq!((book.wrong.len(), book.late.len(), book.solved), (1, 1, 2), "{:?}", book.wrong);
         account.truth(3, Some(Attitude::from_angles(1.0, 20.0 * DEG, 0.0)));
+        tokio::time::advance(Duration::from_secs(7 * 3600)).await;
         account.update(2, &update(3, 20.01), None);
-        assert_eq!(account.so_far().wrong.len(), 2);
+        let book = account.so_far();
+        assert_eq!((book.wrong.len(), book.longest_unsolved), (2, Duration::from_secs(7 * 3600)));
     }
 }
