@@ -4,7 +4,7 @@ use super::{CameraError, Moment, Source};
 use crate::catalog::Catalogue;
 use crate::image::Frame;
 use crate::settings::{Settings, SimulateSettings};
-use crate::simulate::sky::{FlatField, Kind, RenderSpec, Truth, UnknownKind, render_with};
+use crate::simulate::sky::{Exposure, Kind, RenderSpec, Truth, UnknownKind, render_with};
 use crate::sky::{ARCSEC, Attitude, ClockQuality, DEG, Observer, RowOrder, precess_from_j2000, wrap_two_pi};
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::sync::Arc;
@@ -69,7 +69,7 @@ pub struct SimulatedSky {
     catalogue: Arc<Catalogue>,
     gondola: Gondola,
     spec: RenderSpec,
-    flat: FlatField,
+    exposure: Exposure,
     truth: Option<Truth>,
     lens: Option<LensFocus>,
     /// Gain, dB: what a camera would report. It changes no pixel.
@@ -106,7 +106,7 @@ impl SimulatedSky {
             catalogue,
             gondola: Gondola::new(&settings.simulate),
             spec,
-            flat: FlatField::default(),
+            exposure: Exposure::default(),
             truth: None,
             lens: None,
             gain_db: 0.0,
@@ -156,8 +156,8 @@ impl Source for SimulatedSky {
             disc_px: self.lens.as_ref().map(LensFocus::disc_px),
             ..self.spec.clone()
         };
-        let rendered =
-            render_with(&spec, &self.catalogue, &mut self.flat).map_err(|error| CameraError::Unavailable(error.to_string()))?;
+        let rendered = render_with(&spec, &self.catalogue, &mut self.exposure)
+            .map_err(|error| CameraError::Unavailable(error.to_string()))?;
         let mut frame = rendered.frame;
         frame.stamp.captured = moment.utc.map(|utc| (utc, moment.quality)).filter(|(_, quality)| *quality != ClockQuality::Unset);
         frame.stamp.observer = Some(self.gondola.observer(moment.uptime));

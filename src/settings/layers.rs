@@ -6,6 +6,7 @@ use super::ranges::{PER_CAMERA, RULES, Rule, first_of_section, rule};
 use super::relations;
 use super::schema::Settings;
 use super::text::{quote, read};
+use std::sync::OnceLock;
 use toml::{Table, Value};
 
 /// The flight file that is built into the program: every setting with its flight value.
@@ -119,7 +120,9 @@ impl Settings {
     /// # Errors
     /// As [`Layers::load`], with the command as the origin.
     pub fn commanded(&self, assignments: &[String]) -> Result<Self, SettingsError> {
-        let mut all = flight_layer(FLIGHT_NAME, FLIGHT_TOML)?;
+        // It is the same each time, and most of the work.
+        static BUILT_IN: OnceLock<Result<Vec<Setting>, SettingsError>> = OnceLock::new();
+        let mut all = BUILT_IN.get_or_init(|| flight_layer(FLIGHT_NAME, FLIGHT_TOML)).clone()?;
         let before = Value::try_from(self).unwrap_or(Value::Boolean(false));
         for setting in &mut all {
             let find = |at: &Value, key: &str| at.get(key).cloned();

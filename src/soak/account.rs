@@ -132,6 +132,11 @@ impl Account {
         book.unreadable.clear();
     }
 
+    /// Time since the last solution, or since the flight began.
+    pub fn unsolved_for(&self) -> Duration {
+        self.book().solved_at.map_or(Duration::ZERO, |at| at.elapsed())
+    }
+
     /// The disk for images takes none for a while.
     pub fn disk_dies(&self) {
         self.book().excused = true;

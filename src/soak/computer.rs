@@ -4,7 +4,7 @@ use super::account::{Account, POISON_COUNTS, POISON_TIMEOUT_S};
 use super::schedule::{Class, Fault};
 use crate::command::{Act, Command, Slot};
 use crate::service::{Codec, LinkError, SimulatedUtc, utc_now};
-use crate::simulate::FlightComputer;
+use crate::simulate::{FlightComputer, Given};
 use crate::sky::{ClockQuality, Observer, Utc};
 use crate::wire::{CommandReply, CommandSlot, Commands, EquatorialEstimate, List, Message, SLOTS, Update};
 use futures_util::{SinkExt, StreamExt};
@@ -50,7 +50,7 @@ struct Desk {
     /// Faults that strike once, with their seeds.
     striking: VecDeque<(Class, u64)>,
     /// What the ground has given.
-    ground: VecDeque<Command>,
+    ground: VecDeque<(Act, Command)>,
     /// Whether it is the one that is meant to be in charge.
     in_charge: bool,
     /// Since when nothing stands in the way of a command.
@@ -102,9 +102,9 @@ impl Handle {
         }
     }
 
-    /// The ground gives it a command.
-    pub fn give(&self, command: Command) {
-        self.desk().ground.push_back(command);
+    /// The ground gives it a command, and says what to do with it.
+    pub fn give(&self, act: Act, command: Command) {
+        self.desk().ground.push_back((act, command));
     }
 
     fn lasts(&self, class: Class) -> bool {
@@ -149,7 +149,7 @@ struct Life {
     /// Blocks that it sent.
     sent: VecDeque<Commands>,
     /// Commands of the ground under way.
-    under_way: Vec<Command>,
+    under_way: Vec<(Act, Command)>,
 }
 
 impl Computer {
@@ -175,7 +175,7 @@ impl Computer {
                 sleep(pause).await;
             }
             // What it had from the ground dies with it.
-            life.under_way.iter().for_each(|command| self.account.end(command, None, true));
+            life.under_way.iter().for_each(|(_, command)| self.account.end(command, None, true));
             self.handle.desk().well = None;
             let until = self.handle.desk().lasting.get(&Class::ComputerReboots).copied().unwrap_or_else(Instant::now);
             sleep_until(until).await;
@@ -242,18 +242,15 @@ impl Computer {
         for reply in life.machine.on_update(update) {
             let is_last = reply.stage.get().is_some_and(crate::command::Stage::is_last);
             if reply.flight_computer == life.machine.id && is_last {
-                given
-                    .iter()
-                    .filter(|given| given.is_answered_by(&reply))
-                    .for_each(|given| self.end(life, &given.command, Some(&reply)));
+                given.iter().filter(|given| given.is_answered_by(&reply)).for_each(|given| self.end(life, given, Some(&reply)));
             }
         }
     }
 
     /// A command had its last word; counted where the ground gave it.
-    fn end(&self, life: &mut Life, given: &Command, last: Option<&CommandReply>) {
-        if let Some(place) = life.under_way.iter().position(|command| command == given) {
-            let command = life.under_way.remove(place);
+    fn end(&self, life: &mut Life, given: &Given, last: Option<&CommandReply>) {
+        if let Some(place) = life.under_way.iter().position(|order| *order == (given.act, given.command)) {
+            let (_, command) = life.under_way.remove(place);
             self.account.end(&command, last, last.is_some() || !self.handle.is_undisturbed());
         }
     }
@@ -289,10 +286,10 @@ impl Computer {
         self.send(link, &Message::Status(Box::new(status))).await?;
         // One after the other, so that what a reply belongs to is plain.
         if life.under_way.is_empty()
-            && let Some(command) = handle.desk().ground.pop_front()
+            && let Some((act, command)) = handle.desk().ground.pop_front()
         {
-            life.machine.relay(Act::Run, command);
-            life.under_way.push(command);
+            life.machine.relay(act, command);
+            life.under_way.push((act, command));
         }
         let (mut block, given_up) = life.machine.block(uptime);
         // Only where it is sure that it stands by: what the holder of a lease says is a command.
@@ -303,7 +300,7 @@ impl Computer {
             (block.slots_count, block.slots) = (1, List::from_slice(&[slot]));
         }
         if let Some(given) = given_up {
-            self.end(life, &given.command, None);
+            self.end(life, &given, None);
         }
         self.send(link, &Message::Commands(Box::new(block))).await?;
         if life.sent.len() >= REMEMBERED {

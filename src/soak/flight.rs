@@ -8,7 +8,7 @@ use super::report::Report;
 use super::resources::Held;
 use super::schedule::{Class, Fault, schedule};
 use crate::camera::Gondola;
-use crate::command::{Command, Tick};
+use crate::command::{Act, Command, Tick};
 use crate::service::{Actor, Door, Doors, Parts, Running, SimulatedLens, SimulatedUtc, Stars, StartError, Upset, start_with};
 use crate::settings::{CameraKind, LensKind, Settings};
 use crate::simulate::lens::{FaultKind, Received};
@@ -94,6 +94,8 @@ const GROUND_S: (u64, u64) = (20, 90);
 /// Values of honest commands: timeouts from here on, ms, each a little more than the last, and positions about the best focus, counts.
 const FIRST_TIMEOUT_MS: u32 = 5_000;
 const FOCUS: (i32, i32) = (2985, 3015);
+/// So long without a solution, the ground believes that the lens is not where it is thought to be.
+const UNSOLVED: Duration = Duration::from_secs(1800);
 /// Best focus, and where the lens is at the start, counts.
 const BEST_COUNTS: i32 = 3000;
 /// After a fault of the instrument its commands may take this long.
@@ -446,11 +448,20 @@ async fn ground(handles: [Handle; 2], account: Account, seed: u64) {
             }
             6 | 7 => Command::SetFocus { position_counts: random.random_range(FOCUS.0..=FOCUS.1) },
             8 => Command::GetFocus {},
+            // Where the focus stands is not known any more, or it is not where it is thought to be: its range is learned anew.
+            _ if account.unsolved_for() > UNSOLVED => Command::InitFocus {},
             _ => Command::AbortFocus { use_result: false },
         };
+        // A lens that lost its place is at an end of its range: any move of it may be a large one.
+        let acts: &[Act] = match command {
+            Command::SetFocus { .. } | Command::InitFocus {} => &[Act::Arm, Act::Fire],
+            _ => &[Act::Run],
+        };
         if let Some(handle) = handles.iter().find(|handle| handle.is_in_charge()) {
-            account.give(&command);
-            handle.give(command);
+            for &act in acts {
+                account.give(&command);
+                handle.give(act, command);
+            }
         }
     }
 }

@@ -207,6 +207,17 @@ impl Table {
         field.flags.iter().all(set)
     }
 
+    /// Makes a field zero bytes, and says so, where the flag that governs it is not set: the innermost is enough where fields are gone
+    /// through in their order, since a flag that is itself not known is zero by then.
+    fn forget_unknown(&self, field: &Field, body: &mut [u8]) -> bool {
+        let flag = field.flags.last().and_then(|place| self.fields.get(*place));
+        let unknown = flag.is_some_and(|flag| body.get(flag.offset) != Some(&1));
+        if unknown {
+            field.of_mut(body).fill(0);
+        }
+        unknown
+    }
+
     /// Whether a field is the flag of another.
     pub fn is_flag(&self, field: &Field) -> bool {
         let named = |place: &usize| self.fields.get(*place).is_some_and(|flag| flag.offset == field.offset);
@@ -234,6 +245,11 @@ impl Table {
 
     fn check_fields(&self, body: &[u8]) -> Result<(), (String, String)> {
         for field in &self.fields {
+            // Most fields are one number, and nearly all of them are fit: those need no further look.
+            let is_number = matches!(field.form, Form::Scalar(scalar) if scalar != Scalar::Bool);
+            if is_number && field.is_single() && field.is_fit(field.of(body)) {
+                continue;
+            }
             let known = self.is_known(field, body);
             for (index, element) in field.of(body).chunks_exact(field.step()).enumerate() {
                 let problem = match &field.form {
@@ -255,13 +271,13 @@ impl Table {
     /// known becomes zero bytes.
     pub fn settle(&self, body: &mut [u8]) -> u32 {
         let mut withheld = 0;
-        for field in self.fields.iter().filter(|field| !matches!(field.form, Form::Text(_))) {
-            if !self.is_known(field, body) {
+        for field in &self.fields {
+            if self.forget_unknown(field, body) || matches!(field.form, Form::Text(_)) {
                 continue;
             }
             if let Form::Rows(row) = &field.form {
                 withheld += field.of_mut(body).chunks_exact_mut(field.step()).map(|element| row.settle(element)).sum::<u32>();
-            } else if field.of(body).chunks_exact(field.step()).any(|element| !field.is_fit(element)) {
+            } else if !field.are_fit(field.of(body)) {
                 withheld += 1;
                 match field.flags.last().and_then(|place| self.fields.get(*place)) {
                     Some(flag) => flag.of_mut(body).fill(0),
@@ -269,9 +285,10 @@ impl Table {
                 }
             }
         }
-        for field in &self.fields {
-            if !self.is_known(field, body) {
-                field.of_mut(body).fill(0);
+        if withheld > 0 {
+            // What stood before the field that lost their flag.
+            for field in &self.fields {
+                self.forget_unknown(field, body);
             }
         }
         withheld
@@ -300,6 +317,18 @@ impl Field {
                     _ => None,
                 }
             }
+        }
+    }
+
+    fn is_single(&self) -> bool {
+        self.dims.is_empty()
+    }
+
+    fn are_fit(&self, elements: &[u8]) -> bool {
+        if self.is_single() {
+            self.is_fit(elements)
+        } else {
+            elements.chunks_exact(self.step()).all(|element| self.is_fit(element))
         }
     }
 

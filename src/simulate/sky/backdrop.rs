@@ -116,15 +116,15 @@ impl Glare {
 }
 
 impl Backdrop {
-    /// Light on each pixel before dimming, ADU over bias; `full_adu` is what just clips (for the glare).
-    pub fn light(&self, width: usize, height: usize, full_adu: f64) -> Vec<f32> {
+    /// Puts the light on each pixel before dimming, ADU over bias, into an image; `full_adu` is what just clips (for the glare).
+    pub fn shine(&self, image: &mut Vec<f32>, width: usize, height: usize, full_adu: f64) {
         let glare =
             self.glare.as_ref().map(|glare| (glare, glare.edge(width, height), libm::cos(glare.angle), libm::sin(glare.angle)));
         let half_diagonal = 0.5 * (width as f64).hypot(height as f64);
         let (cos, sin) = (libm::cos(self.gradient_angle), libm::sin(self.gradient_angle));
         let (middle_x, middle_y) = (0.5 * (width as f64 - 1.0), 0.5 * (height as f64 - 1.0));
         let clouds: Vec<_> = self.clouds.iter().map(Cloud::light).collect();
-        let mut image = smooth_field(width, height, |x, y| {
+        smooth_field(image, width, height, |x, y| {
             let slope = ((x - middle_x) * cos + (y - middle_y) * sin) / half_diagonal;
             let mut light = self.sky_adu * (1.0 + self.gradient * slope);
             light += self.glows.iter().map(|glow| glow.at(x, y)).sum::<f64>();
@@ -136,23 +136,21 @@ impl Backdrop {
             }
             light
         });
-        self.slabs.iter().for_each(|slab| slab.paint(&mut image, width));
-        self.streaks.iter().for_each(|streak| streak.paint(&mut image, width));
-        image
+        self.slabs.iter().for_each(|slab| slab.paint(image, width));
+        self.streaks.iter().for_each(|streak| streak.paint(image, width));
     }
 }
 
 impl Dimming {
-    /// What fraction of the light each pixel gets: vignetting and dust.
-    pub fn transmission(&self, width: usize, height: usize) -> Vec<f32> {
+    /// Puts the fraction of the light that each pixel gets into an image: vignetting and dust.
+    pub fn transmission(&self, image: &mut Vec<f32>, width: usize, height: usize) {
         let (middle_x, middle_y) = (0.5 * (width as f64 - 1.0), 0.5 * (height as f64 - 1.0));
         let corner_sq = middle_x * middle_x + middle_y * middle_y;
-        let mut image = smooth_field(width, height, |x, y| {
+        smooth_field(image, width, height, |x, y| {
             let relative_sq = ((x - middle_x).powi(2) + (y - middle_y).powi(2)) / corner_sq.max(1.0);
             1.0 - self.vignetting * relative_sq
         });
-        self.spots.iter().for_each(|spot| spot.paint(&mut image, width, height));
-        image
+        self.spots.iter().for_each(|spot| spot.paint(image, width, height));
     }
 }
 
@@ -233,13 +231,14 @@ impl Spot {
     }
 }
 
-/// An image of a smooth function of (x, y), computed on a coarse grid and interpolated linearly.
-fn smooth_field(width: usize, height: usize, value: impl Fn(f64, f64) -> f64) -> Vec<f32> {
+/// Makes an image that of a smooth function of (x, y), computed on a coarse grid and interpolated linearly.
+fn smooth_field(image: &mut Vec<f32>, width: usize, height: usize, value: impl Fn(f64, f64) -> f64) {
     let columns = width.div_ceil(GRID_PX) + 1;
     let grid_row = |row: usize| -> Vec<f32> {
         (0..columns).map(|column| value((column * GRID_PX) as f64, (row * GRID_PX) as f64) as f32).collect()
     };
-    let mut image = vec![0.0f32; width * height];
+    // Every pixel is set below.
+    image.resize(width * height, 0.0);
     let (mut lower, mut upper) = (grid_row(0), grid_row(1));
     let mut between = lower.clone();
     for (y, row) in image.chunks_exact_mut(width).enumerate() {
@@ -261,7 +260,6 @@ fn smooth_field(width: usize, height: usize, value: impl Fn(f64, f64) -> f64) ->
             interpolate(rest, left, right);
         }
     }
-    image
 }
 
 /// Fills pixels from one point of the grid towards the next.
@@ -278,7 +276,8 @@ mod tests {
 
     #[test]
     fn smooth_light_is_interpolated_without_seams() {
-        let image = smooth_field(37, 21, |x, y| 3.0 * x - 2.0 * y + 7.0);
+        let mut image = vec![f32::NAN; 37 * 20];
+        smooth_field(&mut image, 37, 21, |x, y| 3.0 * x - 2.0 * y + 7.0);
         for (i, &value) in image.iter().enumerate() {
             let expected = 3.0 * (i % 37) as f32 - 2.0 * (i / 37) as f32 + 7.0;
             assert!((value - expected).abs() < 1e-3);
@@ -289,7 +288,8 @@ mod tests {
     fn glare_clips_the_fraction_asked_for() {
         for fraction in [0.2, 0.5, 0.9, 1.0] {
             let glare = Some(Glare::covering(fraction, 0.7, 100.0));
-            let light = Backdrop { sky_adu: 1500.0, glare, ..Backdrop::default() }.light(300, 200, 16_283.0);
+            let mut light = Vec::new();
+            Backdrop { sky_adu: 1500.0, glare, ..Backdrop::default() }.shine(&mut light, 300, 200, 16_283.0);
             let clipped = light.iter().filter(|&&light| light >= 16_283.0).count() as f64 / light.len() as f64;
             assert!((clipped - fraction).abs() < 0.05, "{clipped} of {fraction}");
         }
@@ -298,7 +298,8 @@ mod tests {
     #[test]
     fn dust_and_vignetting_only_dim() {
         let spots = vec![Spot { x: 50.0, y: 40.0, radius_px: 10.0, depth: 0.04 }];
-        let image = Dimming { vignetting: 0.3, spots }.transmission(200, 100);
+        let mut image = Vec::new();
+        Dimming { vignetting: 0.3, spots }.transmission(&mut image, 200, 100);
         assert!(image.iter().all(|&t| (0.69..=1.0).contains(&t)));
         assert!((image[0] - 0.7).abs() < 1e-3);
         assert!(image[40 * 200 + 50] < 0.965 * image[40 * 200 + 70]);

@@ -154,10 +154,13 @@ impl RenderSpec {
     }
 }
 
-/// What dims the light on its way in a camera: optics, dust, and the sensitivities of the pixels. Most of it stays with the camera, so that
-/// whoever keeps this need not have it made for each frame.
+/// What a camera holds from frame to frame: the light that falls on each pixel, and what dims it on its way: optics, dust, and the
+/// sensitivities of the pixels. Most of that stays, so that whoever keeps this need not have it made for each frame.
 #[derive(Debug, Clone, Default)]
-pub struct FlatField {
+pub struct Exposure {
+    /// Light on each pixel, ADU over bias: the room for it.
+    light: Vec<f32>,
+
     /// What the sensitivities were drawn for: the camera, columns, rows.
     of: Option<(u64, usize, usize)>,
     /// Sensitivity of each pixel, 1 on average.
@@ -168,7 +171,7 @@ pub struct FlatField {
     transmission: Vec<f32>,
 }
 
-impl FlatField {
+impl Exposure {
     fn prepare(&mut self, spec: &RenderSpec, dimming: &Dimming) {
         let of = spec.camera.map(|camera| (camera, spec.width, spec.height));
         if of.is_none() || self.of != of {
@@ -179,13 +182,13 @@ impl FlatField {
         }
         let by = Some((dimming.clone(), spec.width, spec.height));
         if self.by != by {
-            self.transmission = dimming.transmission(spec.width, spec.height);
+            dimming.transmission(&mut self.transmission, spec.width, spec.height);
             self.by = by;
         }
     }
 
-    fn dim(&self, light: &mut [f32]) {
-        for ((pixel, transmission), sensitivity) in light.iter_mut().zip(&self.transmission).zip(&self.sensitivities) {
+    fn dim(&mut self) {
+        for ((pixel, transmission), sensitivity) in self.light.iter_mut().zip(&self.transmission).zip(&self.sensitivities) {
             *pixel *= transmission * sensitivity;
         }
     }
@@ -197,7 +200,7 @@ impl FlatField {
 ///
 /// A size or a plate scale that no picture has.
 pub fn render(spec: &RenderSpec, catalogue: &Catalogue) -> Result<Rendered, RenderError> {
-    render_with(spec, catalogue, &mut FlatField::default())
+    render_with(spec, catalogue, &mut Exposure::default())
 }
 
 /// The same, for one frame after the other.
@@ -205,7 +208,7 @@ pub fn render(spec: &RenderSpec, catalogue: &Catalogue) -> Result<Rendered, Rend
 /// # Errors
 ///
 /// As [`render`].
-pub fn render_with(spec: &RenderSpec, catalogue: &Catalogue, flat: &mut FlatField) -> Result<Rendered, RenderError> {
+pub fn render_with(spec: &RenderSpec, catalogue: &Catalogue, exposure: &mut Exposure) -> Result<Rendered, RenderError> {
     spec.check()?;
     let (width, height) = (spec.width, spec.height);
     let mut scene = Scene::draw(spec, catalogue);
@@ -214,21 +217,22 @@ pub fn render_with(spec: &RenderSpec, catalogue: &Catalogue, flat: &mut FlatFiel
     let pixels = match scene.blank {
         Some(value) => vec![value; width * height],
         None => {
-            let mut light = scene.backdrop.light(width, height, sensor.full_light_adu());
-            flat.prepare(spec, &scene.backdrop.dimming);
-            images.iter_mut().for_each(|star| star.measure_sky(&light, &flat.transmission, width));
+            scene.backdrop.shine(&mut exposure.light, width, height, sensor.full_light_adu());
+            exposure.prepare(spec, &scene.backdrop.dimming);
+            images.iter_mut().for_each(|star| star.measure_sky(&exposure.light, &exposure.transmission, width));
             if let Some(count) = scene.left_over {
                 stars::dim_to(count, &mut images, sensor);
             }
-            images.iter().for_each(|star| star.paint(&mut light, width));
-            specks::draw(spec, &scene).iter().for_each(|speck| speck.paint(&mut light, width));
-            flat.dim(&mut light);
-            scene.flaws.paint_lasting(&mut light, width, sensor.sum_over_mean, &mut spec.camera_dice(Purpose::HotPixels));
-            scene.flaws.paint_tracks(&mut light, width, sensor.sum_over_mean, &mut spec.dice(Purpose::Events));
+            images.iter().for_each(|star| star.paint(&mut exposure.light, width));
+            specks::draw(spec, &scene).iter().for_each(|speck| speck.paint(&mut exposure.light, width));
+            exposure.dim();
+            let light = &mut exposure.light;
+            scene.flaws.paint_lasting(light, width, sensor.sum_over_mean, &mut spec.camera_dice(Purpose::HotPixels));
+            scene.flaws.paint_tracks(light, width, sensor.sum_over_mean, &mut spec.dice(Purpose::Events));
             if sensor.overflows {
-                sensor.overflow(&mut light, width);
+                sensor.overflow(light, width);
             }
-            let mut pixels = sensor.read_out(&light, &mut spec.dice(Purpose::Noise));
+            let mut pixels = sensor.read_out(light, &mut spec.dice(Purpose::Noise));
             if scene.step_adu > 1 {
                 pixels.iter_mut().for_each(|pixel| *pixel -= *pixel % scene.step_adu);
             }

@@ -145,8 +145,11 @@ impl Kernel for ReadOut<'_> {
 /// A value of 0 to 65535, rounded as [`f32::round`] does it, which is a call for every pixel.
 #[inline(always)]
 fn round(value: f32) -> u16 {
-    let whole = value as i32;
-    (whole + i32::from(value - whole as f32 >= 0.5)) as u16
+    /// From here to twice that an `f32` has whole numbers alone: adding it rounds, halves to even, and leaves the number in the low bits.
+    const WHOLE: f32 = 8_388_608.0;
+    let sum = value + WHOLE;
+    // A half that went down to an even number goes up.
+    (sum.to_bits() as u16).wrapping_add(u16::from(value - (sum - WHOLE) >= 0.5))
 }
 
 /// Fills wells along a way with charge.
