@@ -53,6 +53,8 @@ impl Args {
         let own = std::env::temp_dir().join(format!("stars-soak-{}", std::process::id()));
         let directory = self.directory.clone().unwrap_or_else(|| own.clone());
         std::fs::create_dir_all(&directory).with_context(|| directory.display().to_string())?;
+        // A sensor's file has a whole path.
+        let directory = std::path::absolute(&directory).with_context(|| directory.display().to_string())?;
         let Self { seed, duration, every, real, machine_clock, .. } = self;
         let plan = Plan { seed, duration, every, real, directory, machine_clock };
         let runtime = if real { runtime()? } else { jumping()? };

@@ -49,6 +49,9 @@ impl Backoff {
 /// An actor that ran for so many times the time after which it hangs was well.
 const WELL: u32 = 6;
 
+/// An actor that is to stop comes round to hear of it within this time: a good part of what its stage has to end in is left then.
+const HEARS_WITHIN: Duration = Duration::from_millis(150);
+
 /// What the supervisor knows of an actor.
 pub struct Watched {
     /// Which it is.
@@ -63,7 +66,19 @@ pub struct Watched {
     pub stop: CancellationToken,
 }
 
-/// Keeps an actor running until it is to stop: `start` makes it anew each time. Every new start is counted in the state.
+/// Ends where an actor is to stop and does not come round to hear of it.
+async fn is_deaf(stop: &CancellationToken, pulse: &Pulse) {
+    stop.cancelled().await;
+    let told = Instant::now();
+    tokio::time::sleep(HEARS_WITHIN).await;
+    if pulse.silence() <= told.elapsed() {
+        // It has heard, and takes the time that it needs.
+        std::future::pending::<()>().await;
+    }
+}
+
+/// Keeps an actor running until it is to stop: `start` makes it anew each time. Every new start is counted in the state. One that is not
+/// in its place when it is to stop is started once more, so that what it left is seen to.
 pub async fn supervise<F, A>(watched: Watched, mut backoff: Backoff, mut start: F)
 where
     F: FnMut(Pulse) -> A,
@@ -80,8 +95,13 @@ where
             ended = &mut task => Some(ended),
             // One that is to stop takes the time that it needs: whoever stops it does not wait for ever.
             () = pulse.lost(hangs_after), if !stop.is_cancelled() => None,
+            () = is_deaf(&stop, &pulse) => None,
         };
         if stop.is_cancelled() {
+            if !matches!(ended, Some(Ok(Ok(())))) {
+                task.abort();
+                let _ = tokio::spawn(tracing::Instrument::in_current_span(start(pulse))).await;
+            }
             return;
         }
         // One that was well for long before it hung has been helped by its last start.
@@ -106,6 +126,7 @@ where
         let pause = backoff.pause();
         tracing::error!(?actor, why, pause_s = pause.as_secs_f64(), "actor ended, starting it again");
         if stop.run_until_cancelled(tokio::time::sleep(pause)).await.is_none() {
+            let _ = tokio::spawn(tracing::Instrument::in_current_span(start(pulse))).await;
             return;
         }
         // The hub itself reads this once it is back; if its inbox is full, the count must not hold up the new start.
@@ -186,6 +207,41 @@ mod tests {
         let reasons: Vec<String> =
             told.filter_map(|message| if let ToHub::Restarted { why, .. } = message { Some(why) } else { None }).collect();
         assert_eq!(reasons, ["panicked: upset", "upset", "it hung for 10 s"]);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn an_actor_that_hangs_or_waits_for_its_new_start_when_it_is_to_stop_is_started_once_more_to_see_to_what_it_left() {
+        for (how, ends_within) in [(Upset::Hangs, HEARS_WITHIN), (Upset::Panics, Duration::ZERO)] {
+            let (sender, _inbox) = inbox::channel(64);
+            let settings = ServiceSettings { restart_delay_s: 10.0, restart_delay_max_s: 10.0, hang_s: 10.0 };
+            let (pulse, stop) = (Pulse::new(), CancellationToken::new());
+            let hub = hub::Handle::new(sender);
+            let hangs_after = Duration::from_secs(10);
+            let watched = Watched { actor: Actor::Recorder, pulse: pulse.clone(), hangs_after, hub, stop: stop.clone() };
+            let seen_to = Arc::new(Mutex::new(0));
+            let (left, ends) = (Arc::clone(&seen_to), stop.clone());
+            let start = move |pulse: Pulse| {
+                let (left, ends) = (Arc::clone(&left), ends.clone());
+                async move {
+                    loop {
+                        tokio::select! {
+                            () = ends.cancelled() => break,
+                            () = pulse.rest() => {}
+                        }
+                    }
+                    *left.lock().unwrap() += 1;
+                    Ok(())
+                }
+            };
+            let supervised = tokio::spawn(supervise(watched, Backoff::new(&settings), start));
+            tokio::time::sleep(Duration::from_secs(2)).await;
+            pulse.upset(how);
+            tokio::time::sleep(Duration::from_secs(2)).await;
+            let told = Instant::now();
+            stop.cancel();
+            supervised.await.unwrap();
+            assert_eq!((*seen_to.lock().unwrap(), told.elapsed()), (1, ends_within), "{how:?}");
+        }
     }
 
     #[tokio::test(start_paused = true)]

@@ -18,12 +18,23 @@ pub const POISON_TIMEOUT_S: f64 = 500.0;
 /// See [`POISON_TIMEOUT_S`]. Far from where commands send it, and from the furthest position, at which learning the range ends: there the
 /// lens stays if all that was kept is lost meanwhile.
 pub const POISON_COUNTS: Range<i32> = 1000..1150;
+/// What the sensor shows whenever it shows anything, °C.
+pub const SENSOR_C: f64 = 21.5;
 /// Longest time between two updates on a link that stands.
 const LATE: Duration = Duration::from_millis(600);
 /// Truths that are remembered: many more than are ever under way.
 const REMEMBERED: usize = 64;
 /// Bounds of the histogram of the time between two updates, ms.
 pub const GAPS_MS: [u64; 8] = [500, 510, 520, 550, 600, 700, 1000, u64::MAX];
+
+/// What an image shows.
+#[derive(Debug, Clone, Copy)]
+pub struct Truth {
+    /// When its capture began, uptime of the service.
+    pub begun: Duration,
+    /// Where the camera pointed; `None` where there is nothing to solve.
+    pub attitude: Option<Attitude>,
+}
 
 /// All that is counted.
 #[derive(Debug, Clone, Default)]
@@ -76,8 +87,10 @@ pub struct Book {
     pub restarts: BTreeMap<String, u32>,
     /// Refusals of commands by reason, summed over the runs.
     pub refused: BTreeMap<String, u32>,
+    /// Values of a sensor that it never gave, in words.
+    pub misread: Vec<String>,
     /// By run of the service and image.
-    truths: BTreeMap<(usize, u32), Option<Attitude>>,
+    truths: BTreeMap<(usize, u32), Truth>,
     /// Images that were judged, by run and image.
     seen: BTreeSet<(usize, u32)>,
     /// The boots of the runs.
@@ -96,7 +109,7 @@ pub struct EndedRun {
     pub boot: u32,
     /// Frames that it took.
     pub frames: u32,
-    /// Parts that did not end in time, because they were made to hang: what they held is cut off with them.
+    /// Parts that did not end in time, because they were made to hang.
     pub late: Vec<&'static str>,
 }
 
@@ -172,11 +185,15 @@ impl Account {
         }
     }
 
-    /// What an image shows: an attitude, or nothing to solve.
-    pub fn truth(&self, image: u32, attitude: Option<Attitude>) {
+    /// What an image shows: an attitude, or nothing to solve. A capture that its camera's actor left behind may come to its end after the
+    /// next one under its number; the last that was begun is the image.
+    pub fn truth(&self, image: u32, truth: Truth) {
         let mut book = self.book();
         let run = book.runs;
-        book.truths.insert((run, image), attitude);
+        let known = book.truths.entry((run, image)).or_insert(truth);
+        if truth.begun >= known.begun {
+            *known = truth;
+        }
         while book.truths.len() > REMEMBERED {
             book.truths.pop_first();
         }
@@ -198,6 +215,9 @@ impl Account {
                 book.late.push(text);
             }
         }
+        if let Some(value) = update.housekeeping.temperature_lens_c.get().filter(|value| **value != SENSOR_C) {
+            book.misread.push(format!("{value} °C at uptime {:.1} s", update.link.uptime_s));
+        }
         let Some(image) = update.image.get() else { return };
         let number = image.image_counter.get();
         let run = book.boots.get(&update.link.boot_id.get()).copied().unwrap_or_default();
@@ -214,7 +234,8 @@ impl Account {
         book.solved += 1;
         book.note_time_unsolved();
         book.solved_at = Some(Instant::now());
-        let judged = book.truths.get(&(run, number)).copied().flatten().and_then(|truth| Judged::served(pointing, &truth));
+        let judged =
+            book.truths.get(&(run, number)).and_then(|truth| truth.attitude).and_then(|truth| Judged::served(pointing, &truth));
         match judged {
             Some(judged) if !judged.is_wrong() => {}
             Some(judged) => {
@@ -393,8 +414,11 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_wrong_solution_and_a_late_update_are_found() {
         let account = begun();
-        account.truth(1, Some(Attitude::from_angles(1.0, 20.0 * DEG, 0.0)));
-        account.truth(2, None);
+        let shows = |attitude| Truth { begun: Duration::from_secs(20), attitude };
+        account.truth(1, shows(Some(Attitude::from_angles(1.0, 20.0 * DEG, 0.0))));
+        account.truth(2, shows(None));
+        // Left behind, and late.
+        account.truth(1, Truth { begun: Duration::from_secs(10), attitude: None });
         let update = |image: u32, dec_deg: f64| {
             let pointing = Equatorial {
                 ra_deg: 1.0 / DEG,
@@ -421,7 +445,7 @@ mod tests {
         account.update(1, &update(2, 20.0), Some(before));
         let book = account.so_far();
         assert_eq!((book.wrong.len(), book.late.len(), book.solved), (1, 1, 2), "{:?}", book.wrong);
-        account.truth(3, Some(Attitude::from_angles(1.0, 20.0 * DEG, 0.0)));
+        account.truth(3, shows(Some(Attitude::from_angles(1.0, 20.0 * DEG, 0.0))));
         tokio::time::advance(Duration::from_secs(7 * 3600)).await;
         account.update(2, &update(3, 20.01), None);
         let book = account.so_far();

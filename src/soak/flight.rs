@@ -1,6 +1,6 @@
 //! A flight: the service, its computers and the schedule, from beginning to end.
 
-use super::account::{Account, Book, POISON_COUNTS};
+use super::account::{Account, Book, POISON_COUNTS, SENSOR_C};
 use super::computer::{Computer, Connect, Handle, Line};
 use super::images;
 use super::instrument::{Charger, Faults, camera, solver};
@@ -10,7 +10,7 @@ use super::schedule::{Class, Fault, schedule};
 use crate::camera::Gondola;
 use crate::command::{Act, Command, Tick};
 use crate::service::{Actor, Door, Doors, Parts, Running, SimulatedLens, SimulatedUtc, Stars, StartError, Upset, start_with};
-use crate::settings::{CameraKind, LensKind, Settings};
+use crate::settings::{CameraKind, LensKind, SensorSource, Settings};
 use crate::simulate::lens::{FaultKind, Received};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -96,6 +96,8 @@ const FIRST_TIMEOUT_MS: u32 = 5_000;
 const FOCUS: (i32, i32) = (2985, 3015);
 /// So long without a solution, the ground believes that the lens is not where it is thought to be.
 const UNSOLVED: Duration = Duration::from_secs(1800);
+/// The file that one sensor reads: the temperature of the lens.
+const SENSOR: &str = "sensor";
 /// Best focus, and where the lens is at the start, counts.
 const BEST_COUNTS: i32 = 3000;
 /// After a fault of the instrument its commands may take this long.
@@ -160,6 +162,7 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
         plan,
     };
     let (began, began_really) = (soak.began, real_time());
+    tokio::spawn(mislead(soak.plan.directory.join(SENSOR), 0, began));
     let mut tasks = JoinSet::new();
     let mut running = soak.start().await?;
     soak.computers().into_iter().for_each(|computer| drop(tasks.spawn(computer.fly())));
@@ -193,6 +196,8 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
             },
             _ = progress.tick() => {
                 soak.look_at_the_lens(&mut words);
+                // Those that have ended hold their memory until they are asked for it.
+                while tasks.try_join_next().is_some() {}
                 let (flown, taken) = (began.elapsed(), real_time().saturating_sub(began_really));
                 let held = Held::now(flown);
                 samples.extend(held);
@@ -222,6 +227,7 @@ fn adapted(settings: &Settings, plan: &Plan) -> Settings {
     settings.camera.startup_delay_s = 0.0;
     settings.camera.period_s = if plan.real { REAL_PERIOD_S } else { PERIOD_S };
     settings.housekeeping.period_s = SENSORS_S;
+    settings.housekeeping.temperature_lens.source = SensorSource::Path { path: within(SENSOR), scale: 1.0, offset: 0.0 };
     settings.lens.kind = LensKind::Simulated;
     settings.lens.simulated.start_counts = BEST_COUNTS;
     settings.simulate.best_focus_counts = BEST_COUNTS;
@@ -388,6 +394,7 @@ impl Soak {
                 self.handles.iter().for_each(|handle| handle.disturb(until + DISTURBED_AFTER));
                 drop(tasks.spawn(fill(self.plan.directory.join(BALLAST), until)));
             }
+            Class::SensorDead => drop(tasks.spawn(mislead(self.plan.directory.join(SENSOR), fault.seed, until))),
             Class::UtcJumps => {
                 self.utc.into_iter().for_each(|utc| drop(tasks.spawn(jump(utc, fault.seed, until, self.began))));
             }
@@ -492,6 +499,20 @@ async fn fill(ballast: PathBuf, until: Instant) {
     let _: Result<std::io::Result<()>, _> = filled.await;
     sleep_until(until).await;
     let _ = std::fs::remove_file(ballast);
+}
+
+/// A sensor's file goes, holds no number, or nothing at all, and comes back.
+async fn mislead(sensor: PathBuf, seed: u64, until: Instant) {
+    // The disk may be full: then the sensor shows nothing, which is as good.
+    let _ = match seed % 3 {
+        0 => std::fs::remove_file(&sensor),
+        1 => std::fs::write(&sensor, "nan"),
+        _ => std::fs::write(&sensor, ""),
+    };
+    sleep_until(until).await;
+    while std::fs::write(&sensor, SENSOR_C.to_string()).is_err() {
+        sleep(Duration::from_secs(1)).await;
+    }
 }
 
 /// UTC jumps, or is lost, and comes back.

@@ -1,6 +1,6 @@
 //! Camera, sky and solver as they are in a soak: the simulated ones, which fail when the schedule says so.
 
-use super::account::Account;
+use super::account::{Account, Truth};
 use super::schedule::Class;
 use crate::camera::{CameraError, Moment, SimulatedSky, Source};
 use crate::image::{Frame, ImageCounter};
@@ -134,7 +134,8 @@ pub fn camera(
             }
             let sky = if self.faults.lasts(Class::FalseSky) { &mut self.false_sky } else { &mut self.sky };
             let frame = sky.next(moment)?;
-            self.account.truth(image, sky.truth().and_then(|truth| truth.attitude));
+            let attitude = sky.truth().and_then(|truth| truth.attitude);
+            self.account.truth(image, Truth { begun: moment.uptime, attitude });
             Ok(frame)
         }
     }

@@ -15,8 +15,6 @@ use std::time::Duration;
 const LONGEST_UNSOLVED: Duration = Duration::from_secs(6 * 3600);
 /// Examples that are printed of what went wrong.
 const EXAMPLES: usize = 5;
-/// Outcomes that can be on their way through the parts of the service: the frame that is solved, the one that waits, and one at each door.
-const HELD: u64 = 4;
 
 /// What came of a flight.
 #[derive(Debug, Clone)]
@@ -87,22 +85,16 @@ impl Report {
         self.want("no wrong solution", &book.wrong);
         self.want("no update late by over 0.1 s on a link that stood", &book.late);
         self.want("nothing done that nobody commanded", &book.spurious);
+        self.want("no value shown that the sensor did not give", &book.misread);
         self.want("no command lost", &book.lost);
         self.want("each command done once where it was said to be done, never twice", &book.contradictions());
         let kept = records(&plan.directory.join("record"));
-        let differing = |run: &&EndedRun| kept.get(&run.boot).copied().unwrap_or_default() != u64::from(run.frames);
-        let words = |run: &EndedRun| {
-            let EndedRun { boot, frames, late } = run;
+        let differing = book.ended_runs.iter().filter_map(|EndedRun { boot, frames, late }| {
             let kept = kept.get(boot).copied().unwrap_or_default();
-            format!("run {boot:08x}: {frames} frames, {kept} outcomes; not ended in time: {late:?}")
-        };
-        let (cut_off, mut lost): (Vec<&EndedRun>, Vec<&EndedRun>) =
-            book.ended_runs.iter().filter(differing).partition(|run| is_cut_off(run, &kept));
-        if !cut_off.is_empty() {
-            self.line(&format!("ended while a part hung, and what that held was cut off: {} runs", cut_off.len()));
-            cut_off.iter().take(EXAMPLES).for_each(|run| self.line(&format!("  {}", words(run))));
-        }
-        let mut lost: Vec<String> = lost.drain(..).map(words).collect();
+            let text = || format!("run {boot:08x}: {frames} frames, {kept} outcomes; not ended in time: {late:?}");
+            (kept != u64::from(*frames)).then(text)
+        });
+        let mut lost: Vec<String> = differing.collect();
         if book.records_lost > 0 {
             lost.push(format!("{} said to be lost", book.records_lost));
         }
@@ -138,12 +130,6 @@ impl Report {
         self.line(&format!("wanted: {wanted}  got: {} problems  {verdict}", problems.len()));
         problems.iter().take(EXAMPLES).for_each(|problem| self.line(&format!("  {problem}")));
     }
-}
-
-/// Whether outcomes are missing because a part that was made to hang did not end with the run: those that it can have held.
-fn is_cut_off(run: &EndedRun, kept: &BTreeMap<u32, u64>) -> bool {
-    let missing = u64::from(run.frames).checked_sub(kept.get(&run.boot).copied().unwrap_or_default());
-    !run.late.is_empty() && missing.is_some_and(|missing| missing <= HELD)
 }
 
 /// Whole lines in the files of records, by the boot of the run that wrote them.
