@@ -19,6 +19,16 @@ fn assignments(command: &Command) -> Vec<String> {
         Command::SetNetworkLull { enabled, delay_s } => {
             set("commands", &[("network_lull", enabled.to_string()), ("network_lull_s", float(delay_s))])
         }
+        Command::SetBrightness { enabled, level_ke_s_px, gain_db, actual_exposure_s, simulated_exposure_s } => set(
+            "brightness",
+            &[
+                ("enabled", enabled.to_string()),
+                ("level_ke_s_px", float(level_ke_s_px)),
+                ("gain_db", float(gain_db)),
+                ("actual_exposure_s", float(actual_exposure_s)),
+                ("simulated_exposure_s", float(simulated_exposure_s)),
+            ],
+        ),
         Command::SetFocusRange { min_counts, max_counts, step_counts } => set(
             "focus",
             &[

@@ -135,8 +135,8 @@ commands! {
         /// Gain.
         gain_db: f64 => "dB" [0, 36];
     }
-    /// Pretends a brighter sky than there is.
-    13 "simulator.set_brightness" SetBrightness "xsc_fake_sky_brightness" None false {
+    /// Pretends a brighter sky than there is, where `brightness.allowed` is set; the images that are kept stay as they are.
+    13 "simulator.set_brightness" SetBrightness "xsc_fake_sky_brightness" None true {
         /// Do it.
         enabled: bool => "" [0, 1];
         /// Brightness of the sky, thousands of electrons per second and pixel.

@@ -10,6 +10,7 @@ use crate::camera::{Directory, SimulatedSky, Source};
 use crate::catalog::{Catalogue, MAX_FILE_BYTES};
 use crate::image::{BadPixels, BadPixelsError, Frame};
 use crate::settings::{CameraKind, LensKind, NO_ARAVIS, Settings};
+use crate::simulate::brighten;
 use crate::solve::{Outcome, Prior, Report, Solver, Watch};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -70,7 +71,8 @@ impl Parts {
                 Some(source(move || simulated_sky(&settings, &stars, lens.as_ref())))
             }
         };
-        Ok(Self { camera, solver: mended(solver(Arc::clone(settings), stars.clone()), bad_pixels), lens })
+        let solver = retouched(solver(Arc::clone(settings), stars.clone()), Arc::clone(settings), bad_pixels);
+        Ok(Self { camera, solver, lens })
     }
 }
 
@@ -101,17 +103,28 @@ fn source<S: Source + 'static>(make: impl Fn() -> Result<S, String> + Send + Syn
     Arc::new(move || Ok(Box::new(make()?) as Box<dyn Source>))
 }
 
-/// A solver that sees frames with their bad pixels replaced; they are kept as the camera gave them.
-struct Mended {
+/// A solver that sees frames with their bad pixels replaced, and under a brighter sky where that is to be pretended; they are kept as the
+/// camera gave them.
+struct Retouched {
     inner: Box<dyn Solve>,
     bad_pixels: Arc<BadPixels>,
+    settings: Arc<Settings>,
 }
 
-impl Solve for Mended {
+impl Solve for Retouched {
     fn solve(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome {
-        let mut mended = frame.clone();
-        self.bad_pixels.apply(&mut mended.pixels, mended.width, mended.height);
-        self.inner.solve(&mended, prior, watch)
+        let Settings { brightness, camera, simulate, .. } = &*self.settings;
+        if self.bad_pixels.is_empty() && !brightness.enabled {
+            return self.inner.solve(frame, prior, watch);
+        }
+        let mut retouched = frame.clone();
+        self.bad_pixels.apply(&mut retouched.pixels, retouched.width, retouched.height);
+        if brightness.enabled {
+            // Another image, other photons.
+            let seed = simulate.seed.wrapping_add(u64::from(frame.stamp.image.0));
+            brighten(&mut retouched, brightness, camera.ideal_gain_adu_per_e, seed);
+        }
+        self.inner.solve(&retouched, prior, watch)
     }
 
     fn report(&self, outcome: &Outcome) -> Report {
@@ -119,15 +132,16 @@ impl Solve for Mended {
     }
 
     fn adopt(&mut self, settings: &Arc<Settings>) {
+        self.settings = Arc::clone(settings);
         self.inner.adopt(settings);
     }
 }
 
-fn mended(make: MakeSolver, bad_pixels: Arc<BadPixels>) -> MakeSolver {
-    if bad_pixels.is_empty() {
-        return make;
-    }
-    Arc::new(move || Ok(Box::new(Mended { inner: make()?, bad_pixels: Arc::clone(&bad_pixels) }) as Box<dyn Solve>))
+fn retouched(make: MakeSolver, settings: Arc<Settings>, bad_pixels: Arc<BadPixels>) -> MakeSolver {
+    Arc::new(move || {
+        let (inner, bad_pixels, settings) = (make()?, Arc::clone(&bad_pixels), Arc::clone(&settings));
+        Ok(Box::new(Retouched { inner, bad_pixels, settings }) as Box<dyn Solve>)
+    })
 }
 
 /// The camera's bad pixels, by the file that the settings name; none where there is no such file.

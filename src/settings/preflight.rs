@@ -70,6 +70,9 @@ fn real_hardware(settings: &Settings) -> Vec<Finding> {
             find(key, "is \"simulated\": set a sensor, or \"\" where there is none");
         }
     }
+    if settings.brightness.allowed {
+        find("brightness.allowed", "is true: a command could pretend a brighter sky than there is");
+    }
     if is_loopback(&settings.network.listen) {
         find("network.listen", "is a loopback address, which no flight computer reaches: set the flight's own");
     }

@@ -35,6 +35,7 @@ pub(super) fn check(settings: &Settings, all: &[Setting]) -> Result<(), Settings
     }
     check_border(settings, all)?;
     check_legacy(settings, all)?;
+    check_lock(settings, all)?;
     check_mask(settings, all)
 }
 
@@ -78,6 +79,16 @@ fn check_legacy(settings: &Settings, all: &[Setting]) -> Result<(), SettingsErro
         _ => return Ok(()),
     };
     contradiction(last_word(all, &["legacy.enabled", "legacy.peers"]), message)
+}
+
+/// What is pretended must be allowed by a file: a command alone cannot begin it.
+fn check_lock(settings: &Settings, all: &[Setting]) -> Result<(), SettingsError> {
+    let brightness = &settings.brightness;
+    if brightness.allowed || !brightness.enabled {
+        return Ok(());
+    }
+    let message = "'brightness.enabled' needs 'brightness.allowed'".to_owned();
+    contradiction(last_word(all, &["brightness.allowed", "brightness.enabled"]), message)
 }
 
 /// A mask is for one frame and one block size; with others its bits would mean other places.

@@ -14,6 +14,8 @@ pub struct Settings {
     pub camera: CameraSettings,
     /// The simulated sky that `camera.kind = "sky"` looks at.
     pub simulate: SimulateSettings,
+    /// A brighter sky than there is.
+    pub brightness: BrightnessSettings,
     /// The lens controller.
     pub lens: LensSettings,
     /// The autofocus: where it searches, how far it steps, how long it may take.
@@ -102,6 +104,24 @@ pub struct SimulateSettings {
     pub latitude_deg: f64,
     /// Where the simulated lens is in focus, encoder counts.
     pub best_focus_counts: i32,
+}
+
+/// Section `[brightness]`: the sky that is pretended.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BrightnessSettings {
+    /// Whether it may be switched on.
+    pub allowed: bool,
+    /// Whether it is.
+    pub enabled: bool,
+    /// Brightness of the sky, thousands of electrons per second and pixel.
+    pub level_ke_s_px: f64,
+    /// Gain to pretend, dB.
+    pub gain_db: f64,
+    /// Exposure that is made, s.
+    pub actual_exposure_s: f64,
+    /// Exposure to pretend, s.
+    pub simulated_exposure_s: f64,
 }
 
 /// What stands behind the lens port.

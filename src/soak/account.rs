@@ -1,6 +1,5 @@
 //! The account: what was due and what came, from both sides, so that nothing can be lost or made up unseen.
 
-use super::images::NEWEST;
 use crate::command::{Command, Stage};
 use crate::service::{Disk, ImageCounters, Shed, State};
 use crate::simulate::Judged;
@@ -100,6 +99,8 @@ pub struct Book {
     solved_at: Option<Instant>,
     /// See there.
     pub longest_unsolved: Duration,
+    /// When an update last told where the focus is, or the flight began.
+    focus_known_at: Option<Instant>,
 }
 
 /// A run of the service that has ended.
@@ -142,12 +143,18 @@ impl Account {
         let mut book = self.book();
         book.runs += 1;
         book.solved_at.get_or_insert_with(Instant::now);
+        book.focus_known_at.get_or_insert_with(Instant::now);
         book.unreadable.clear();
     }
 
     /// Time since the last solution, or since the flight began.
     pub fn unsolved_for(&self) -> Duration {
         self.book().solved_at.map_or(Duration::ZERO, |at| at.elapsed())
+    }
+
+    /// Time since an update last told where the focus is, or since the flight began.
+    pub fn focus_unknown_for(&self) -> Duration {
+        self.book().focus_known_at.map_or(Duration::ZERO, |at| at.elapsed())
     }
 
     /// The disk for images takes none for a while.
@@ -168,8 +175,9 @@ impl Account {
         book.timeout = Some(key(timeout_s));
     }
 
-    /// The service has ended: its boot, what it counted, which images of this run are on disk, and which parts of it did not end in time.
-    pub fn end_run(&self, boot: u32, state: &State, on_disk: &BTreeSet<u32>, late: Vec<&'static str>) {
+    /// The service has ended: its boot, what it counted, which images of this run are on disk and how many of its newest must be, and which
+    /// parts of it did not end in time.
+    pub fn end_run(&self, boot: u32, state: &State, on_disk: &(BTreeSet<u32>, u32), late: Vec<&'static str>) {
         let mut book = self.book();
         book.end_images(state, on_disk);
         book.note_time_unsolved();
@@ -214,6 +222,9 @@ impl Account {
                 let text = format!("computer {computer}: {gap:?} at uptime {:.1} s", update.link.uptime_s);
                 book.late.push(text);
             }
+        }
+        if update.camera.focus_counts.get().is_some() {
+            book.focus_known_at = Some(Instant::now());
         }
         if let Some(value) = update.housekeeping.temperature_lens_c.get().filter(|value| **value != SENSOR_C) {
             book.misread.push(format!("{value} °C at uptime {:.1} s", update.link.uptime_s));
@@ -302,11 +313,11 @@ impl Book {
     }
 
     /// The images of a run that has ended: none may be missing, but for a disk that was dead or full, or a computer that was too slow.
-    fn end_images(&mut self, state: &State, on_disk: &BTreeSet<u32>) {
+    fn end_images(&mut self, state: &State, (on_disk, newest): &(BTreeSet<u32>, u32)) {
         let run = state.counters.images.get(&Disk::Images).copied().unwrap_or_default();
         let taken = state.counters.frames_taken;
         if !std::mem::take(&mut self.excused) {
-            let newest = taken.saturating_sub(NEWEST)..taken;
+            let newest = taken.saturating_sub(*newest)..taken;
             let missing: Vec<u32> = newest.filter(|image| !on_disk.contains(image) && !self.unreadable.contains(image)).collect();
             if run.lost > 0 || !missing.is_empty() {
                 let number = self.runs;

@@ -94,8 +94,8 @@ const GROUND_S: (u64, u64) = (20, 90);
 /// Values of honest commands: timeouts from here on, ms, each a little more than the last, and positions about the best focus, counts.
 const FIRST_TIMEOUT_MS: u32 = 5_000;
 const FOCUS: (i32, i32) = (2985, 3015);
-/// So long without a solution, the ground believes that the lens is not where it is thought to be.
-const UNSOLVED: Duration = Duration::from_secs(1800);
+/// So long without a solution, or without knowledge of the focus, the ground waits before it sees to the lens.
+const PATIENCE: Duration = Duration::from_secs(1800);
 /// The file that one sensor reads: the temperature of the lens.
 const SENSOR: &str = "sensor";
 /// Best focus, and where the lens is at the start, counts.
@@ -456,7 +456,7 @@ async fn ground(handles: [Handle; 2], account: Account, seed: u64) {
             6 | 7 => Command::SetFocus { position_counts: random.random_range(FOCUS.0..=FOCUS.1) },
             8 => Command::GetFocus {},
             // Where the focus stands is not known any more, or it is not where it is thought to be: its range is learned anew.
-            _ if account.unsolved_for() > UNSOLVED => Command::InitFocus {},
+            _ if account.unsolved_for() > PATIENCE || account.focus_unknown_for() > PATIENCE => Command::InitFocus {},
             _ => Command::AbortFocus { use_result: false },
         };
         // A lens that lost its place is at an end of its range: any move of it may be a large one.

@@ -4,8 +4,8 @@ use crate::image::{checksum_holds, read};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// The newest images of a run, which no rule of thinning takes: some fewer than are spared.
-pub const NEWEST: u32 = 40;
+/// The newest images, which no rule of thinning takes where the disk has room for twice as many: some fewer than are spared.
+const NEWEST: usize = 40;
 
 /// The files under a directory of days.
 fn files(directory: &Path) -> Vec<PathBuf> {
@@ -13,15 +13,17 @@ fn files(directory: &Path) -> Vec<PathBuf> {
     within(directory).filter(|day| day.is_dir()).flat_map(|day| within(&day).collect::<Vec<_>>()).collect()
 }
 
-/// The numbers of the images that are there of a run of the service, by the number of its start, which is part of their names.
-pub fn of_run(directory: &Path, boot: u32) -> BTreeSet<u32> {
+/// The numbers of the images that are there of a run of the service, by the number of its start, which is part of their names; and how many
+/// of its newest must be among them.
+pub fn of_run(directory: &Path, boot: u32) -> (BTreeSet<u32>, u32) {
     let (boot, files) = (format!("{boot:08x}"), files(directory));
     let number = |file: &PathBuf| {
         let mut parts = file.file_stem()?.to_str()?.rsplit('-');
         let number = parts.next()?.parse().ok()?;
         (parts.next()? == boot).then_some(number)
     };
-    files.iter().filter_map(number).collect()
+    // A small disk has room for fewer than are spared elsewhere, and keeps some of earlier runs besides.
+    (files.iter().filter_map(number).collect(), NEWEST.min(files.len() / 2) as u32)
 }
 
 /// How many files there are, what they take, bytes, and which of them are not whole images, in words.

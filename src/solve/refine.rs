@@ -110,12 +110,13 @@ pub fn moved(star: &FieldStar, field: &Field, catalogue: &Catalogue, years: f64)
     (star.direction + shift.unwrap_or_default()).normalize()
 }
 
-/// The solution of a fit. `mirror`: signs that turn offsets along left and up into x and y of the file.
+/// The solution of a fit. `star_at`: a star of the field by its place there, as its place in the catalogue and its direction at the image's
+/// epoch. `mirror`: signs that turn offsets along left and up into x and y of the file.
 pub fn solution_of(
     fit: &Fit,
     matches: &[Assigned],
     sources: &[PatternSource],
-    field: &Field,
+    star_at: impl Fn(usize) -> Option<(usize, Vec3)>,
     geometry: &FrameGeometry,
     mirror: (f64, f64),
     false_ln: f64,
@@ -125,11 +126,11 @@ pub fn solution_of(
     let matched: Vec<Match> = matches
         .iter()
         .filter_map(|m| {
-            let (source, star) = (sources.get(m.source)?, field.stars.stars.get(m.star)?);
-            let (left, up) = fit.pose.project(&star.direction, geometry.half_diagonal)?;
+            let (source, (star, direction)) = (sources.get(m.source)?, star_at(m.star)?);
+            let (left, up) = fit.pose.project(&direction, geometry.half_diagonal)?;
             let residual = ((left - source.left) * mirror.0, (up - source.up) * mirror.1);
             squares += residual.0 * residual.0 + residual.1 * residual.1;
-            Some(Match { source: m.source, star: star.star as usize, residual_px: residual })
+            Some(Match { source: m.source, star, residual_px: residual })
         })
         .collect();
     Solution {

@@ -4,7 +4,7 @@ use super::copies::nearest_copy;
 use super::diagnose::Seen;
 use super::light::{LightFit, SEEN_PX, fit_by_light};
 use super::pattern::{PatternSearch, SearchEnd, SearchRules, SearchTally};
-use super::refine::{refine, solution_of};
+use super::refine::{moved, refine, solution_of};
 use super::requirements::{self, Circle};
 use super::served::{horizontal, served};
 use super::track::Region;
@@ -504,7 +504,11 @@ impl Solver {
             if context.camera.mirrored { 1.0 } else { -1.0 },
             if context.frame.rows == RowOrder::BottomFirst { 1.0 } else { -1.0 },
         );
-        let mut solution = solution_of(&fit, &matches, &all, field, geometry, mirror, found.false_ln);
+        let star_at = |place: usize| {
+            let star = field.stars.stars.get(place)?;
+            Some((star.star as usize, moved(star, field, &self.catalogue, years)))
+        };
+        let mut solution = solution_of(&fit, &matches, &all, star_at, geometry, mirror, found.false_ln);
         solution.epoch_yr = apply.then_some(epoch);
         // Matches that lie so far off are of several kinds of pieces: where the stars are is not known better than that.
         let common_px =

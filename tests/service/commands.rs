@@ -13,7 +13,7 @@ use tokio::sync::mpsc;
 use tokio::time::timeout;
 
 /// A flight computer in charge, and what it has seen.
-struct Ground {
+pub struct Ground {
     orders: mpsc::Sender<(Act, Command)>,
     sightings: mpsc::Receiver<Sighting>,
     id: u8,
@@ -21,7 +21,7 @@ struct Ground {
 }
 
 impl Ground {
-    fn of(running: &Running, id: u8, in_charge: bool) -> Self {
+    pub fn of(running: &Running, id: u8, in_charge: bool) -> Self {
         let mut computer = FlightComputer::new(id, 1000 + u32::from(id));
         computer.claims_charge = in_charge;
         Self::fly(running, computer)
@@ -65,7 +65,7 @@ impl Ground {
         }
     }
 
-    async fn run(&mut self, text: &str) -> (Vec<Stage>, CommandReply) {
+    pub async fn run(&mut self, text: &str) -> (Vec<Stage>, CommandReply) {
         let (stages, reply) = self.give(Act::Run, text).await;
         if reply.why.value() != Some(Refusal::NotArmed) {
             return (stages, reply);
@@ -176,6 +176,7 @@ fn may_end_with(name: &str, reply: &CommandReply) -> bool {
                 "solver.matching",
                 "solver.mask",
                 "solver.cells",
+                "simulator.set_brightness",
             ]
             .contains(&name)
                 || name.starts_with("requirements.")

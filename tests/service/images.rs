@@ -1,6 +1,8 @@
 //! Promises of the archive: every frame is kept as the camera gave it, whatever becomes of its solving, and nobody waits for the disk.
 
+use crate::commands::Ground;
 use crate::support::*;
+use stars::command::Stage;
 use stars::image::{BadPixels, ImageCounter, checksum_holds, read};
 use stars::service::{Actor, Disk, ImageCounters, Parts, Running, Shed, State};
 use stars::settings::Settings;
@@ -147,6 +149,45 @@ async fn frames_are_kept_with_their_bad_pixels_and_solved_without() {
     let day = std::fs::read_dir(directory.path().join("record/images")).unwrap().next().unwrap().unwrap().path();
     let file = std::fs::read_dir(day).unwrap().next().unwrap().unwrap().path();
     assert_eq!(read("kept", &std::fs::read(file).unwrap()).unwrap().pixels, hot.pixels);
+}
+
+#[tokio::test]
+async fn a_brighter_sky_is_pretended_on_command_where_a_file_allows_it_and_images_are_kept_without() {
+    let directory = tempfile::tempdir().unwrap();
+    let images_in = directory.path().join("in");
+    std::fs::create_dir(&images_in).unwrap();
+    let mut bytes = Vec::new();
+    stars::image::write_fits(&frame(), &[], &mut bytes).unwrap();
+    std::fs::write(images_in.join("night.fits"), bytes).unwrap();
+    for allowed in [false, true] {
+        let kept_in = directory.path().join(allowed.to_string());
+        let mut settings = keeping(&kept_in);
+        (settings.camera.kind, settings.camera.repeat) = (stars::settings::CameraKind::Directory, true);
+        settings.camera.directory = images_in.display().to_string();
+        (settings.camera.width_px, settings.camera.height_px) = (16, 16);
+        settings.solver.sources.border_px = 1;
+        settings.brightness.allowed = allowed;
+        let settings = Arc::new(settings);
+        let running = start((*settings).clone(), Parts::of(&settings).unwrap()).await;
+        let mean = |state: &State| -> Option<f64> { state.latest.as_ref().and_then(|finished| finished.report.stats.mean) };
+        until(&running, |state| mean(state) == Some(100.0)).await;
+        let mut ground = Ground::of(&running, 1, true);
+        let (_, reply) = ground.run("simulator.set_brightness 1 300 0 0.12 0.12").await;
+        if allowed {
+            assert_eq!(reply.stage.get(), Some(Stage::Completed), "{reply:?}");
+            // 300 ke⁻/s for 0.12 s at 0.04096 ADU/e⁻.
+            let bright = until(&running, |state| mean(state).is_some_and(|mean| (mean - 1474.6).abs() < 10.0)).await;
+            assert!(bright.latest.as_ref().is_some_and(|finished| finished.outcome.stamp.simulated));
+            ground.run("simulator.set_brightness 0 300 0 0.12 0.12").await;
+            until(&running, |state| mean(state) == Some(100.0)).await;
+        } else {
+            assert_eq!(reply.stage.get(), Some(Stage::Failed), "{reply:?}");
+            assert!(reply.words.to_string().contains("brightness.allowed"), "{reply:?}");
+        }
+        running.stop().await;
+        // Each as it came.
+        assert!(!kept(&kept_in.join("record/images")).is_empty());
+    }
 }
 
 #[tokio::test]
