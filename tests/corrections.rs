@@ -121,3 +121,26 @@ fn a_clock_that_is_decades_off_costs_no_solution() {
         assert!(outcome.solution.unwrap().served.is_some());
     }
 }
+
+#[test]
+fn residuals_are_those_from_where_the_stars_are_now() {
+    // ε Indi moves by 4.7″ a year.
+    let (ra, dec) = (330.84 * DEG, -56.79 * DEG);
+    let mut solver = solver_with(|_| ());
+    let years = 3.0;
+    let epoch_yr = solver.settings().catalog.epoch_yr + years;
+    let attitude = Some(Attitude::from_angles(ra, dec, 0.0));
+    let spec = RenderSpec { attitude, epoch_yr, ..RenderSpec::new(Kind::Night, 5, 1) };
+    let mut frame = render(&spec, solver.catalogue()).unwrap().frame;
+    let captured = Utc::from_unix((epoch_yr - 1970.0) * 365.25 * 86_400.0).unwrap();
+    frame.stamp.captured = Some((captured, ClockQuality::FreeRunning));
+    let outcome = solver.solve(&frame, &Prior::default(), &Unwatched);
+    let solution = outcome.solution.as_ref().unwrap();
+    let moving = |star: usize| {
+        let star = &solver.catalogue().stars[star];
+        separation(&star.direction_after(0.0), &star.direction_after(years)) > 10.0 * ARCSEC
+    };
+    let fast: Vec<f64> =
+        solution.matches.iter().filter(|m| moving(m.star)).map(|m| m.residual_px.0.hypot(m.residual_px.1)).collect();
+    assert!(!fast.is_empty() && fast.iter().all(|residual| *residual < 0.5), "{fast:?}");
+}

@@ -40,6 +40,13 @@ pub fn refine(
     let mut stars = Vec::new();
     project_stars(field, &pose, geometry, u8::MAX, &mut stars);
     stars.retain(|&(i, _, _)| star_at(i).is_some_and(|s| f64::from(s.mag) <= faintest));
+    let directions: Vec<Vec3> = stars.iter().filter_map(|&(i, _, _)| Some(moved(star_at(i)?, field, catalogue, years))).collect();
+    let put = |stars: &mut [(usize, f64, f64)], pose: &Pose| {
+        for ((_, left, up), direction) in stars.iter_mut().zip(&directions) {
+            (*left, *up) = pose.project(direction, geometry.half_diagonal).unwrap_or((f64::INFINITY, f64::INFINITY));
+        }
+    };
+    put(&mut stars, &pose);
     let mut matches = Vec::new();
     let mut result = None;
     for _ in 0..ROUNDS {
@@ -59,10 +66,7 @@ pub fn refine(
         scatter = fitted.chi2_per_dof().sqrt().max(LEAST_SCATTER);
         result = Some(fitted);
         // A little further on, the same stars are on the picture.
-        for (index, left, up) in &mut stars {
-            let at = star_at(*index).and_then(|star| pose.project(&star.direction, geometry.half_diagonal));
-            (*left, *up) = at.unwrap_or((f64::INFINITY, f64::INFINITY));
-        }
+        put(&mut stars, &pose);
     }
     result.map(|fit| (fit, matches))
 }
@@ -105,6 +109,9 @@ fn final_pairs(
 ///
 /// A blend's place is its own; what the brightest star of it moved since the field's epoch is added.
 pub fn moved(star: &FieldStar, field: &Field, catalogue: &Catalogue, years: f64) -> Vec3 {
+    if years == 0.0 {
+        return star.direction;
+    }
     let epoch = field.stars.epoch_yr - catalogue.header.epoch_yr;
     let shift = catalogue.stars.get(star.star as usize).map(|s| s.direction_after(epoch + years) - s.direction_after(epoch));
     (star.direction + shift.unwrap_or_default()).normalize()
