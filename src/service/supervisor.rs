@@ -77,6 +77,15 @@ async fn is_deaf(stop: &CancellationToken, pulse: &Pulse) {
     }
 }
 
+/// Runs an actor that is to stop from its start to its end; whoever stops it does not wait for ever.
+async fn see_to_what_is_left(actor: impl Future<Output = Result<(), Ended>> + Send + 'static) {
+    match tokio::spawn(tracing::Instrument::in_current_span(actor)).await {
+        Ok(Ok(())) => {}
+        Ok(Err(Ended(why))) => tracing::error!(why, "what was left as the service stops is not all seen to"),
+        Err(error) => tracing::error!(why = panic_message(error), "what was left as the service stops is not all seen to"),
+    }
+}
+
 /// Keeps an actor running until it is to stop: `start` makes it anew each time. Every new start is counted in the state. One that is not
 /// in its place when it is to stop is started once more, so that what it left is seen to.
 pub async fn supervise<F, A>(watched: Watched, mut backoff: Backoff, mut start: F)
@@ -100,7 +109,7 @@ where
         if stop.is_cancelled() {
             if !matches!(ended, Some(Ok(Ok(())))) {
                 task.abort();
-                let _ = tokio::spawn(tracing::Instrument::in_current_span(start(pulse))).await;
+                see_to_what_is_left(start(pulse)).await;
             }
             return;
         }
@@ -126,7 +135,7 @@ where
         let pause = backoff.pause();
         tracing::error!(?actor, why, pause_s = pause.as_secs_f64(), "actor ended, starting it again");
         if stop.run_until_cancelled(tokio::time::sleep(pause)).await.is_none() {
-            let _ = tokio::spawn(tracing::Instrument::in_current_span(start(pulse))).await;
+            see_to_what_is_left(start(pulse)).await;
             return;
         }
         // The hub itself reads this once it is back; if its inbox is full, the count must not hold up the new start.

@@ -86,7 +86,9 @@ pub struct Book {
     pub restarts: BTreeMap<String, u32>,
     /// Refusals of commands by reason, summed over the runs.
     pub refused: BTreeMap<String, u32>,
-    /// Values of a sensor that it never gave, in words.
+    /// Updates that showed what the sensor gives, and values that it never gave, in words.
+    pub sensor_shown: u64,
+    /// See there.
     pub misread: Vec<String>,
     /// By run of the service and image.
     truths: BTreeMap<(usize, u32), Truth>,
@@ -226,8 +228,10 @@ impl Account {
         if update.camera.focus_counts.get().is_some() {
             book.focus_known_at = Some(Instant::now());
         }
-        if let Some(value) = update.housekeeping.temperature_lens_c.get().filter(|value| **value != SENSOR_C) {
-            book.misread.push(format!("{value} °C at uptime {:.1} s", update.link.uptime_s));
+        match update.housekeeping.temperature_lens_c.get() {
+            Some(value) if *value == SENSOR_C => book.sensor_shown += 1,
+            Some(value) => book.misread.push(format!("{value} °C at uptime {:.1} s", update.link.uptime_s)),
+            None => {}
         }
         let Some(image) = update.image.get() else { return };
         let number = image.image_counter.get();
@@ -423,7 +427,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_wrong_solution_and_a_late_update_are_found() {
+    async fn a_wrong_solution_a_late_update_and_a_value_that_no_sensor_gave_are_found() {
         let account = begun();
         let shows = |attitude| Truth { begun: Duration::from_secs(20), attitude };
         account.truth(1, shows(Some(Attitude::from_angles(1.0, 20.0 * DEG, 0.0))));
@@ -461,5 +465,14 @@ mod tests {
         account.update(2, &update(3, 20.01), None);
         let book = account.so_far();
         assert_eq!((book.wrong.len(), book.longest_unsolved), (2, Duration::from_secs(7 * 3600)));
+
+        let shown = |celsius: Option<f64>| {
+            let mut update = Update::default();
+            update.housekeeping.temperature_lens_c = celsius.into();
+            account.update(1, &update, None);
+            let book = account.so_far();
+            (book.sensor_shown, book.misread.len())
+        };
+        assert_eq!([None, Some(SENSOR_C), Some(2.0)].map(shown), [(0, 0), (1, 0), (1, 1)]);
     }
 }

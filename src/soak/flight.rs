@@ -162,7 +162,7 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
         plan,
     };
     let (began, began_really) = (soak.began, real_time());
-    tokio::spawn(mislead(soak.plan.directory.join(SENSOR), 0, began));
+    show_sensor(&soak.plan.directory.join(SENSOR)).await;
     let mut tasks = JoinSet::new();
     let mut running = soak.start().await?;
     soak.computers().into_iter().for_each(|computer| drop(tasks.spawn(computer.fly())));
@@ -510,7 +510,12 @@ async fn mislead(sensor: PathBuf, seed: u64, until: Instant) {
         _ => std::fs::write(&sensor, ""),
     };
     sleep_until(until).await;
-    while std::fs::write(&sensor, SENSOR_C.to_string()).is_err() {
+    show_sensor(&sensor).await;
+}
+
+/// The sensor's file holds its value, once its disk takes it.
+async fn show_sensor(sensor: &Path) {
+    while std::fs::write(sensor, SENSOR_C.to_string()).is_err() {
         sleep(Duration::from_secs(1)).await;
     }
 }

@@ -109,12 +109,16 @@ impl Report {
         self.want("every image kept while its disk took any, the newest of each run there", &book.images_missing);
         self.want("every image on disk whole, under its checksum", &broken);
         let some = |what: &str, count: u64| (count == 0).then(|| format!("no {what}"));
-        let nothing: Vec<String> =
-            [some("frame", book.frames.into()), some("solution", book.solved.into()), some("update", book.updates)]
-                .into_iter()
-                .flatten()
-                .collect();
-        self.want("frames, solutions and updates", &nothing);
+        let nothing: Vec<String> = [
+            some("frame", book.frames.into()),
+            some("solution", book.solved.into()),
+            some("update", book.updates),
+            some("value of the sensor", book.sensor_shown),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
+        self.want("frames, solutions, updates and values of the sensor", &nothing);
         let unsolved = book.longest_unsolved;
         let long = (unsolved > LONGEST_UNSOLVED).then(|| format!("{:.1} h without one", unsolved.as_secs_f64() / 3600.0));
         self.want("a solution at least every six hours", &long.into_iter().collect::<Vec<_>>());
