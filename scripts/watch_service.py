@@ -27,6 +27,8 @@ LATE_S = 0.050
 # A frame this often keeps the solver busy, s. No whole number of them fits between two updates, or a
 # solver that skips none would show each update the same one of two images again.
 BUSY_PERIOD_S = 0.00413
+# Frames without a star between those images, which take the solver longest: with those alone it is done before the next is read.
+HARD_FRAMES = 2
 # Updates during which a frame must be under way, so that the solver counts as busy.
 BUSY_FRACTION = 0.5
 
@@ -110,11 +112,19 @@ def watch_service(verdict, stars, images, seconds, scratch):
     images, scratch = Path(images).resolve(), Path(scratch)
     truths = [t for t in json.loads((images / "truth.json").read_text())["images"] if t["file"].startswith("flight/")]
     address, log = free_address(), scratch / "run.log"
+    hard, frames = scratch / "hard", scratch / "frames"
+    subprocess.run([stars, "render", "--kind", "nostars", "--count", str(HARD_FRAMES), "--out", hard], check=True)
+    # To and fro: the frame that comes after the hard ones is the one that is passed over, and must not be the same each time.
+    easy = sorted((images / "flight").glob("*.fits"))
+    hard = sorted(hard.glob("*.fits"))
+    frames.mkdir()
+    for place, image in enumerate([*easy, *hard, *reversed(easy), *hard]):
+        (frames / f"{place}.fits").symlink_to(image.resolve())
     service = subprocess.Popen(
         [stars, "run"]
         + settings(
             camera__kind="directory",
-            camera__directory=images / "flight",
+            camera__directory=frames,
             camera__repeat="true",
             camera__period_s=BUSY_PERIOD_S,
             solver__matching__platescale_min_arcsec_px=9.2,
