@@ -188,7 +188,8 @@ fn camera(settings: &Settings) -> Verdict {
         CameraKind::Sky => Verdict::Good("a simulated sky".to_owned()),
         CameraKind::Directory => match Directory::new(&settings.camera).next(&moment) {
             Err(error) => Verdict::Bad(format!("camera.directory = \"{}\": {error}", settings.camera.directory)),
-            Ok(frame) => {
+            Ok(series) => {
+                let Some(frame) = series.exposures().first() else { return Verdict::Bad("no exposure".to_owned()) };
                 let (width, height) = (settings.camera.width_px as usize, settings.camera.height_px as usize);
                 let text = format!("{}: {} × {} px", frame.stamp.origin, frame.width, frame.height);
                 if (frame.width, frame.height) == (width, height) {
