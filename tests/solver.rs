@@ -230,6 +230,7 @@ fn two_threads_end_as_one_does_and_obey_a_stop() {
             (None, _) => unsolved += 1,
             (_, SearchMode::Normal) => normal += 1,
             (_, SearchMode::Robust) => robust += 1,
+            (_, SearchMode::Motion) => unreachable!("nothing is known of its motion"),
         }
         assert_eq!(format!("{:?}", outcomes[0]), format!("{:?}", outcomes[1]), "{kind:?}");
     }

@@ -251,6 +251,7 @@ mod tests {
             false_probability_log10: -9.0,
             horizontal: None,
             epoch_yr: None,
+            start: None,
             served: None,
         };
         Outcome {

@@ -240,7 +240,7 @@ commands! {
         max_per_cell: u32 => "" [1, 10];
     }
     /// Sets the use of the gyro rates of trailed images.
-    65 "solver.motion" UseMotion "xsc_motion_psf" None false {
+    65 "solver.motion" UseMotion "xsc_motion_psf" None true {
         /// Use them.
         enabled: bool => "" [0, 1];
     }

@@ -170,14 +170,14 @@ impl CameraActor {
                 let exposures: Vec<Arc<Frame>> = series.into_exposures().into_iter().map(Arc::new).collect();
                 // Before anything is waited for: whatever becomes of this actor, the exposures are where they are kept.
                 let lost = self.keep(&state, &exposures);
-                let Some(frame) = sum.map(Arc::new).or_else(|| exposures.into_iter().next()) else { return Ok(source) };
+                let Some(frame) = sum.map(Arc::new).or_else(|| exposures.first().cloned()) else { return Ok(source) };
                 self.count(&frame.stamp).await;
                 for disk in lost {
                     self.hub.tell(ToHub::Image(disk, ImageNews::Lost)).await;
                 }
                 self.tell(&state, CameraState::Working).await;
                 let prior = state.prior(at, &state.settings.observer);
-                let captured = Captured { frame, at, prior };
+                let captured = Captured { frame, exposures, at, prior, motion: None };
                 self.solver.send(captured).await.map_err(|_| Ended("the solver's inbox is gone".to_owned()))?;
                 self.set_open(None);
             }
@@ -201,7 +201,8 @@ impl CameraActor {
         let lost = |archive: &archive::Handle, exposure: &Arc<Frame>| {
             shed || archive.try_send(ToArchive::Frame(Arc::clone(exposure))).is_err()
         };
-        let pairs = exposures.iter().flat_map(|exposure| self.archives.iter().map(move |(disk, archive)| (disk, archive, exposure)));
+        let pairs =
+            exposures.iter().flat_map(|exposure| self.archives.iter().map(move |(disk, archive)| (disk, archive, exposure)));
         pairs.filter(|(_, archive, exposure)| lost(archive, exposure)).map(|(disk, ..)| *disk).collect()
     }
 

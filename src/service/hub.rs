@@ -8,6 +8,7 @@ use super::inbox::Inbox;
 use super::kept::{self, Kept};
 use super::ledger::{self, Keep};
 use super::lens;
+use super::motion;
 use super::pulse::Pulse;
 use super::recorder;
 use super::state::{Finished, Peer, Readiness, Restart, Settling, State};
@@ -142,6 +143,13 @@ impl Hub {
             ToHub::Commands { computer, connection, block, delay, authenticity } => {
                 if state.is_current(computer, connection) {
                     self.take_block(state, computer, &block, delay, authenticity);
+                }
+            }
+            ToHub::Gyro { computer, connection, gyro } => {
+                let in_charge = state.in_charge().is_some_and(|lease| lease.computer == computer);
+                if state.is_current(computer, connection) && in_charge {
+                    let judged = motion::judge(&gyro, state);
+                    state.motions.take(judged, Instant::now());
                 }
             }
             ToHub::LegacyConnected { computer, connection } => self.take_legacy_connection(state, computer, connection),

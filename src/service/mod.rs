@@ -46,6 +46,7 @@ mod legacy;
 mod lens;
 mod listener;
 mod manager;
+mod motion;
 mod orders;
 mod parts;
 mod pulse;

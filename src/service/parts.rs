@@ -11,7 +11,7 @@ use crate::catalog::{Catalogue, MAX_FILE_BYTES};
 use crate::image::{BadPixels, BadPixelsError, Frame};
 use crate::settings::{CameraKind, LensKind, NO_ARAVIS, Settings};
 use crate::simulate::brighten;
-use crate::solve::{Outcome, Prior, Report, Solver, Watch};
+use crate::solve::{Moved, Outcome, Prior, Report, Solver, Watch};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -127,6 +127,24 @@ impl Solve for Retouched {
         self.inner.solve(&retouched, prior, watch)
     }
 
+    fn solve_moved(&mut self, frame: &Frame, moved: &Moved, prior: &Prior, watch: &dyn Watch) -> Outcome {
+        // Under a sky that is pretended the exposures are not what is seen.
+        if self.settings.brightness.enabled {
+            return self.solve(frame, prior, watch);
+        }
+        if self.bad_pixels.is_empty() {
+            return self.inner.solve_moved(frame, moved, prior, watch);
+        }
+        let mended = |frame: &Frame| {
+            let mut frame = frame.clone();
+            self.bad_pixels.apply(&mut frame.pixels, frame.width, frame.height);
+            frame
+        };
+        let exposures = moved.exposures.iter().map(|exposure| Arc::new(mended(exposure))).collect();
+        let (frame, moved) = (mended(frame), Moved { exposures, motion: Arc::clone(&moved.motion) });
+        self.inner.solve_moved(&frame, &moved, prior, watch)
+    }
+
     fn report(&self, outcome: &Outcome) -> Report {
         self.inner.report(outcome)
     }
@@ -183,6 +201,10 @@ fn solver(settings: Arc<Settings>, stars: Stars) -> MakeSolver {
 impl Solve for Solver {
     fn solve(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome {
         Self::solve(self, frame, prior, watch)
+    }
+
+    fn solve_moved(&mut self, frame: &Frame, moved: &Moved, prior: &Prior, watch: &dyn Watch) -> Outcome {
+        Self::solve_moved(self, frame, moved, prior, watch)
     }
 
     fn report(&self, outcome: &Outcome) -> Report {

@@ -340,7 +340,7 @@ async fn read<R: AsyncRead>(
                 let authenticity = shared.keys.judge(computer, &block);
                 shared.hub.tell(ToHub::Commands { computer, connection, block, delay, authenticity }).await;
             }
-            Message::Gyro(_) => tracing::debug!(computer = computer.0, "gyro rates are not used yet"),
+            Message::Gyro(gyro) => shared.hub.tell(ToHub::Gyro { computer, connection, gyro }).await,
             Message::Refuse(refuse) => {
                 tracing::warn!(computer = computer.0, why = %refuse.detail, "the flight computer refuses us");
                 return Closed::ByPeer;

@@ -4,7 +4,7 @@
 //! is given up when it is too old or the service stops; a solver that panics, or does not stop when told, ends its frame as
 //! `failed` and is made anew. Every frame ends in one outcome.
 
-use super::hub::{self, ToHub};
+use super::hub::{self, ToHub, sleep_until};
 use super::inbox::Inbox;
 use super::left_behind::LeftBehind;
 use super::pulse::Pulse;
@@ -12,7 +12,7 @@ use super::state::{Finished, Readiness, Shed, State};
 use super::supervisor::{Ended, panic_message};
 use crate::image::{Frame, ImageCounter};
 use crate::settings::Settings;
-use crate::solve::{Outcome, Prior, Reason, Report, Stop, Tracker, Watch};
+use crate::solve::{Motion, Moved, Outcome, Prior, Reason, Report, Stop, Tracker, Watch};
 use crate::wire::legacy::Picture;
 use std::collections::BTreeMap;
 use std::pin::pin;
@@ -32,6 +32,11 @@ const LAST_FRAME: Duration = Duration::from_millis(300);
 pub trait Solve: Send + 'static {
     /// Solves one frame.
     fn solve(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome;
+    /// Solves one frame whose motion is known; a stand-in makes no use of it.
+    fn solve_moved(&mut self, frame: &Frame, moved: &Moved, prior: &Prior, watch: &dyn Watch) -> Outcome {
+        let _ = moved;
+        self.solve(frame, prior, watch)
+    }
     /// The outcome in the units of the outside, stars named.
     fn report(&self, outcome: &Outcome) -> Report;
     /// Takes other settings from the next frame on; a stand-in has none.
@@ -48,10 +53,14 @@ pub type MakeSolver = Arc<dyn Fn() -> Result<Box<dyn Solve>, String> + Send + Sy
 pub struct Captured {
     /// The frame: the sum of its exposures.
     pub frame: Arc<Frame>,
+    /// Its exposures.
+    pub exposures: Vec<Arc<Frame>>,
     /// When it was captured.
     pub at: Instant,
     /// What was known of the pointing then.
     pub prior: Prior,
+    /// How the gondola turned during it, once that is known.
+    pub motion: Option<Arc<Motion>>,
 }
 
 /// Where frames are handed to the solver.
@@ -84,6 +93,17 @@ struct Done {
     finished: Option<Finished>,
 }
 
+/// How a job ended: its frame, and what it gave back or why there is nothing.
+type Ending = Option<(Option<Captured>, Result<Done, String>)>;
+
+/// A frame that was not solved and waits for its motion.
+struct Held {
+    captured: Captured,
+    /// What it ends in where none comes.
+    finished: Finished,
+    until: Instant,
+}
+
 /// What is under way on the blocking pool.
 struct Job {
     /// The frame; `None` while a solver is being made ready.
@@ -107,14 +127,25 @@ impl SolverActor {
         let mut job = Some(self.start(None, None, in_force.of(&self.state.borrow())));
         let mut solver = None;
         let mut waiting: Option<Captured> = None;
+        let mut held: Option<Held> = None;
+        let mut state = self.state.clone();
         let mut overdue = pin!(async {
             self.stop.cancelled().await;
             tokio::time::sleep(LAST_FRAME).await;
         });
         loop {
             if job.is_none()
+                && let Some(motion) = held.as_ref().and_then(|held| self.motion_of(&held.captured))
+                && let Some(Held { captured, .. }) = held.take()
+            {
+                let captured = Captured { motion: Some(motion), ..captured };
+                job = Some(self.start(solver.take(), Some(captured), in_force.of(&self.state.borrow())));
+            }
+            if job.is_none()
                 && let Some(mut captured) = waiting.take()
             {
+                self.let_go(&mut held).await;
+                captured.motion = self.motion_of(&captured);
                 let at = captured.at.saturating_duration_since(first);
                 captured.prior = tracker.prior(at, captured.prior, &self.settings().solver.tracking);
                 self.hub.tell(ToHub::Solving(Some(captured.frame.stamp.image))).await;
@@ -129,10 +160,12 @@ impl SolverActor {
                         let at = finished.captured.saturating_duration_since(first);
                         tracker.learn(at, &finished.outcome, &self.settings().solver.tracking);
                     }
+                    let ended = self.hold(ended, &mut held);
                     solver = self.settle(ended).await;
                 }
                 // A frame that is being solved is waited for; a solver that is being made is not.
                 () = self.stop.cancelled(), if job.as_ref().is_none_or(|job| job.captured.is_none()) => {
+                    self.let_go(&mut held).await;
                     return self.abort(&mut inbox).await;
                 }
                 () = &mut overdue => return self.abort(&mut inbox).await,
@@ -142,8 +175,40 @@ impl SolverActor {
                         self.give_up(older, Reason::Skipped, "a newer frame took its place").await;
                     }
                 }
+                () = sleep_until(held.as_ref().map(|held| held.until)), if held.is_some() => self.let_go(&mut held).await,
+                Ok(()) = state.changed(), if held.is_some() => {}
                 () = pulse.rest() => {}
             }
+        }
+    }
+
+    /// How the gondola turned during a frame, where that is known and is to be used.
+    fn motion_of(&self, captured: &Captured) -> Option<Arc<Motion>> {
+        let state = self.state.borrow();
+        state.motions.of(&captured.frame.stamp).filter(|_| state.settings.solver.motion.enabled)
+    }
+
+    /// Takes out of a job the outcome of a frame that was not solved and whose motion may still come: it waits for that.
+    fn hold(&self, ended: Ending, held: &mut Option<Held>) -> Ending {
+        let settings = self.settings();
+        let now = Instant::now();
+        let may_come = settings.solver.motion.enabled && self.state.borrow().motions.are_sent(now) && !self.stop.is_cancelled();
+        match ended {
+            Some((Some(captured), Ok(Done { solver, finished: Some(finished) })))
+                if may_come && captured.motion.is_none() && finished.outcome.reason.is_for_want_of_stars() =>
+            {
+                let until = captured.at + Duration::from_secs_f64(settings.solver.motion.wait_s);
+                *held = Some(Held { captured, finished, until });
+                Some((None, Ok(Done { solver, finished: None })))
+            }
+            ended => ended,
+        }
+    }
+
+    /// Ends the frame that waits for its motion as it is.
+    async fn let_go(&self, held: &mut Option<Held>) {
+        if let Some(Held { finished, .. }) = held.take() {
+            self.end(finished).await;
         }
     }
 
@@ -168,7 +233,7 @@ impl SolverActor {
     }
 
     /// Tells the hub how a job ended; gives back the solver if it can be used again.
-    async fn settle(&self, ended: Option<(Option<Captured>, Result<Done, String>)>) -> Option<Box<dyn Solve>> {
+    async fn settle(&self, ended: Ending) -> Option<Box<dyn Solve>> {
         let (captured, result) = ended?;
         match result {
             Ok(Done { solver, finished }) => {
@@ -247,7 +312,7 @@ impl InForce {
 }
 
 /// Waits for the job's end, or for the moment at which it is taken to hang.
-async fn finish(job: &mut Option<Job>) -> Option<(Option<Captured>, Result<Done, String>)> {
+async fn finish(job: &mut Option<Job>) -> Ending {
     let job = job.as_mut()?;
     let result = match tokio::time::timeout_at(job.hangs_at, &mut job.handle).await {
         Ok(joined) => joined.map_err(panic_message),
@@ -268,9 +333,12 @@ fn work(
     if let Ok(solver) = &mut solver {
         solver.adopt(settings);
     }
-    let finished = captured.map(|Captured { frame, at, prior }| match &mut solver {
+    let finished = captured.map(|Captured { frame, exposures, at, prior, motion }| match &mut solver {
         Ok(solver) => {
-            let outcome = solver.solve(&frame, &prior, watch);
+            let outcome = match motion {
+                Some(motion) => solver.solve_moved(&frame, &Moved { exposures, motion }, &prior, watch),
+                None => solver.solve(&frame, &prior, watch),
+            };
             let picture = Picture { width: frame.width, height: frame.height, rows: frame.rows };
             Finished { report: solver.report(&outcome), outcome, captured: at, picture: Some(picture) }
         }

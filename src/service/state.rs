@@ -1,6 +1,7 @@
 //! The state: one immutable snapshot of all that is true now. The hub alone makes it; everybody else reads the newest.
 
 use super::housekeeping::{self, Measurements};
+use super::motion::Motions;
 use super::runs::Run;
 use super::session::Closed;
 use super::strain::Strain;
@@ -45,6 +46,8 @@ pub struct State {
     pub solving: Option<ImageCounter>,
     /// The last frame that ended in an outcome; one that was only skipped is counted and not shown here.
     pub latest: Option<Arc<Finished>>,
+    /// How the gondola turned during the last images.
+    pub motions: Motions,
     /// The flight computers that are connected.
     pub peers: Vec<Peer>,
     /// Who is in charge.
@@ -295,6 +298,7 @@ impl State {
             autofocus: Arc::new(Autofocus::new(AutofocusRules::new(&settings.focus)).status(Tick::ZERO)),
             solving: None,
             latest: None,
+            motions: Motions::default(),
             peers: Vec::new(),
             charge: InCharge::default(),
             guard,

@@ -6,7 +6,7 @@ use super::state::{Actor, CameraState, Disk, Finished, ImageNews, Readiness};
 use crate::command::{Authenticity, BootId, FlightComputer, OrderNumber};
 use crate::image::ImageCounter;
 use crate::lens::{LensResult, LensState, RequestCounter};
-use crate::wire::{Commands, Status, legacy};
+use crate::wire::{Commands, Gyro, Status, legacy};
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::time::Instant;
@@ -48,6 +48,15 @@ pub enum ToHub {
         at: Instant,
         /// Whether it shows that our updates arrive there.
         hears_us: bool,
+    },
+    /// A flight computer sent how the gondola turned during an image.
+    Gyro {
+        /// Who.
+        computer: FlightComputer,
+        /// The number of the connection.
+        connection: u64,
+        /// What it says.
+        gyro: Box<Gyro>,
     },
     /// A flight computer sent a block of commands.
     Commands {

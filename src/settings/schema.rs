@@ -260,6 +260,8 @@ pub struct SolverSettings {
     pub matching: MatchingSettings,
     /// What earlier frames say of the next.
     pub tracking: TrackingSettings,
+    /// How gyro rates are used.
+    pub motion: MotionSettings,
     /// Fitting the attitude.
     pub fit: FitSettings,
     /// What a solution must satisfy.
@@ -338,6 +340,20 @@ pub struct TrackingSettings {
     pub estimate_drift_deg_s: f64,
     /// One σ of the change of the plate scale from frame to frame, fraction.
     pub platescale_sigma: f64,
+}
+
+/// Section `[solver.motion]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MotionSettings {
+    /// Use the gyros' rates.
+    pub enabled: bool,
+    /// How long an image that is not solved waits for them, s.
+    pub wait_s: f64,
+    /// Horizontal roll until a solution has told it, deg.
+    pub roll_deg: f64,
+    /// One σ of the gyros' drift in a second, arcsec.
+    pub gyro_drift_arcsec: f64,
 }
 
 /// Section `[solver.fit]`.

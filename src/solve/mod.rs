@@ -6,11 +6,13 @@
 //! Who has sources already, and no frame, uses the match alone: [`PatternSearch`].
 
 mod abreast;
+mod along;
 mod cause;
 mod copies;
 mod diagnose;
 mod fit;
 mod light;
+mod motion;
 mod near;
 mod outcome;
 mod pattern;
@@ -26,8 +28,10 @@ mod tracked;
 mod verify;
 mod wcs;
 
+pub use along::Moved;
 pub use cause::Blur;
 pub use fit::{FitPrior, Pose};
+pub use motion::{Motion, MotionError};
 pub use near::{NearRules, NearSearch};
 pub use outcome::{
     Cause, FoundBy, HorizontalSolution, Match, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, StageTimes, Statistics,

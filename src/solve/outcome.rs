@@ -43,6 +43,13 @@ pub enum Reason {
     Failed,
 }
 
+impl Reason {
+    /// Whether a frame that ended so was searched to the end, and may be solved where more is known of it.
+    pub fn is_for_want_of_stars(self) -> bool {
+        matches!(self, Self::TooFewSources | Self::NoMatch | Self::Undecided | Self::Requirement)
+    }
+}
+
 /// What the frame's own evidence says was wrong. A closed list; the order is that of the wire codes, which begin at 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -84,6 +91,8 @@ pub enum SearchMode {
     Normal,
     /// Wide kernels too.
     Robust,
+    /// Along the trails that the gondola's motion made.
+    Motion,
 }
 
 /// How a pattern was found.
@@ -165,6 +174,8 @@ pub struct Match {
 pub struct Solution {
     /// Attitude of the camera frame in ICRS.
     pub attitude: Attitude,
+    /// The same at the start of the series, where its motion is known: the attitude above is that at the middle of its light.
+    pub start: Option<Attitude>,
     /// Plate scale at the centre, rad/px.
     pub platescale: f64,
     /// Fitted radial distortion k1.

@@ -153,6 +153,7 @@ pub fn solution_of(
         false_probability_log10: false_ln / std::f64::consts::LN_10,
         horizontal: None,
         epoch_yr: None,
+        start: None,
         served: None,
     }
 }

@@ -544,6 +544,7 @@ mod tests {
                 refracted: false,
             }),
             epoch_yr: Some(2013.0),
+            start: None,
             served: None,
         };
         Outcome {

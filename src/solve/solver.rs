@@ -9,7 +9,7 @@ use super::requirements::{self, Circle};
 use super::served::{horizontal, served};
 use super::track::Region;
 use super::verify::{FrameGeometry, Hypothesis, PatternSource};
-use super::{Cause, FoundBy, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, Statistics, Stop, Watch};
+use super::{Cause, FoundBy, Moved, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, Statistics, Stop, Watch};
 use crate::catalog::{Catalogue, Field, FieldKey};
 use crate::image::{CellStatistics, Frame, LevelMeter, Mask};
 use crate::settings::Settings;
@@ -56,6 +56,8 @@ pub(super) struct Search<'a> {
     pub prior: &'a Prior,
     pub watch: &'a dyn Watch,
     mask: Option<Mask>,
+    /// Its exposures and how they moved, where that is known.
+    moved: Option<&'a Moved>,
 }
 
 impl Search<'_> {
@@ -65,7 +67,7 @@ impl Search<'_> {
     }
 
     /// Whether to go on.
-    fn keep_on(&self) -> impl Fn() -> bool {
+    pub fn keep_on(&self) -> impl Fn() -> bool {
         || self.watch.stop().is_none()
     }
 }
@@ -86,6 +88,9 @@ pub(super) struct Context<'a> {
     pub region: Option<Region>,
     /// Scale that the sources were found at.
     pub scale: usize,
+    /// Where sources were found along their trails: the camera's turn from the start of the series to the middle of its light, rad, and the
+    /// variance that the gyros' drift adds to where that is, rad² per axis.
+    pub turn: Option<(Vec3, f64)>,
 }
 
 impl Solver {
@@ -153,15 +158,23 @@ impl Solver {
     ///
     /// The normal search first, and where it does not solve and `solver.robust` is set, the robust one.
     pub fn solve(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome {
-        self.solve_in(frame, prior, watch, true, self.settings.solver.robust)
+        self.solve_in(frame, prior, watch, (true, self.settings.solver.robust), None)
     }
 
     /// As [`Self::solve`], with the robust search alone: what a bench measures.
     pub fn solve_robust(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome {
-        self.solve_in(frame, prior, watch, false, true)
+        self.solve_in(frame, prior, watch, (false, true), None)
     }
 
-    fn solve_in(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch, normal: bool, robust: bool) -> Outcome {
+    /// `normal`, `robust`: the searches that are to be made.
+    pub(super) fn solve_in(
+        &mut self,
+        frame: &Frame,
+        prior: &Prior,
+        watch: &dyn Watch,
+        (normal, robust): (bool, bool),
+        moved: Option<&Moved>,
+    ) -> Outcome {
         let started = watch.elapsed();
         let mut outcome = Outcome::unsolved(frame.stamp.clone(), Reason::NoMatch, "");
         outcome.prior = prior.clone();
@@ -171,7 +184,7 @@ impl Solver {
             match self.mask(frame) {
                 Ok(mask) => {
                     if self.prepare_while(frame.width, frame.height, &|| watch.stop().is_none()) {
-                        self.search(&Search { frame, prior, watch, mask }, normal, robust, &mut outcome);
+                        self.search(&Search { frame, prior, watch, mask, moved }, normal, robust, &mut outcome);
                     } else {
                         stopped(&mut outcome, watch.stop().unwrap_or(Stop::Aborted));
                     }
@@ -187,7 +200,9 @@ impl Solver {
     fn search(&mut self, search: &Search<'_>, normal: bool, robust: bool, outcome: &mut Outcome) {
         self.finder.begin(search.frame, &self.cells);
         self.seen = Seen::default();
-        if normal && robust && self.settings.solver.threads > 1 {
+        if search.moved.is_some_and(|moved| self.search_along(search, moved, outcome)) {
+            // The motion told where to look.
+        } else if normal && robust && self.settings.solver.threads > 1 {
             self.search_abreast(search, outcome);
         } else {
             let done = normal && self.search_with(search, SearchKernel::Sharp, outcome);
@@ -312,7 +327,13 @@ impl Solver {
             return true;
         };
         let context = Context { scale: kernel.scale(), ..self.context(frame, prior, watch, &field) };
-        if self.match_near(&context, outcome) {
+        self.match_found(&context, &look, outcome)
+    }
+
+    /// Matches the sources of the last search; `true` where the frame is done with.
+    pub(super) fn match_found(&mut self, context: &Context<'_>, look: &Look<'_>, outcome: &mut Outcome) -> bool {
+        let (settings, frame, field) = (self.settings.clone(), context.frame, context.field);
+        if self.match_near(context, outcome) {
             return true;
         }
         if self.found.len() < LEAST_SOURCES {
@@ -324,10 +345,10 @@ impl Solver {
             return false;
         }
         // With the plate scale that is known, and then as if it were not: the lens may have been moved.
-        let unknown = FrameGeometry::new(&settings.solver, &field, frame.width, frame.height);
+        let unknown = FrameGeometry::new(&settings.solver, field, frame.width, frame.height);
         let narrowed = context.geometry.platescale_range != unknown.platescale_range;
-        (narrowed && self.match_sources(&context, &look, outcome))
-            || self.match_sources(&Context { geometry: unknown, ..context }, &look, outcome)
+        (narrowed && self.match_sources(context, look, outcome))
+            || self.match_sources(&Context { geometry: unknown, ..context.clone() }, look, outcome)
     }
 
     /// Puts the sources of the last search into the outcome.
@@ -359,7 +380,7 @@ impl Solver {
         let observer = self.observer(frame, prior);
         let circles = requirements::expected_circles(&settings.solver.requirements, prior, observer.as_ref(), year);
         let region = Region::of(prior, &circles).filter(|_| settings.solver.tracking.enabled);
-        Context { frame, watch, field, geometry, camera, observer, year, circles, region, scale: 0 }
+        Context { frame, watch, field, geometry, camera, observer, year, circles, region, scale: 0, turn: None }
     }
 
     /// The observer by the settings' order of preference.
@@ -400,7 +421,9 @@ impl Solver {
         match end {
             SearchEnd::Found(hypothesis) => {
                 let started = context.watch.elapsed();
-                self.finder.complete(&mut self.found);
+                if context.turn.is_none() {
+                    self.finder.complete(&mut self.found);
+                }
                 let sharp = if context.scale > 0 { self.sharpen(context, look, &hypothesis) } else { None };
                 let scale = if sharp.is_some() { 0 } else { context.scale };
                 let (context, hypothesis) = (&Context { scale, ..context.clone() }, sharp.unwrap_or(hypothesis));
@@ -486,7 +509,12 @@ impl Solver {
         // What is in the fit's own covariance already: the light's middle is of the same photons as the places of its stars.
         let mut counted = 0.0;
         // Stars that are there again, moved: which of the pieces is the middle one nobody knows.
-        let common_px = match fit_by_light(self, context, &fit, &matches, &mut all, tried, years) {
+        // Along their trails stars are whole.
+        let light = match context.turn {
+            Some(_) => LightFit::AsFound { doubt_px: 0.0 },
+            None => fit_by_light(self, context, &fit, &matches, &mut all, tried, years),
+        };
+        let common_px = match light {
             LightFit::AsFound { doubt_px } => doubt_px.max(copy_px.unwrap_or(0.0)),
             LightFit::Anew(anew) => {
                 (fit, matches) = (anew.fit, anew.matches);
@@ -518,6 +546,10 @@ impl Solver {
         let known = solution.covariance.diagonal() * counted;
         let more = Vec3::new(variance - known.x, variance - known.y, 0.0).map(|v| v.max(0.0));
         solution.covariance += Mat3::from_diagonal(&more);
+        if let Some((turn, variance)) = context.turn {
+            solution.covariance += Mat3::from_diagonal(&Vec3::new(variance, variance, 0.0));
+            solution.start = Some(solution.attitude.turned(&-turn));
+        }
         Some(solution)
     }
 

@@ -219,6 +219,7 @@ mod tests {
             false_probability_log10: -20.0,
             horizontal: None,
             epoch_yr: None,
+            start: None,
             served: None,
         };
         let found_by = Some(FoundBy::LostInSpace);

@@ -158,6 +158,7 @@ mod tests {
                 false_probability_log10: -9.0,
                 horizontal: None,
                 epoch_yr: None,
+                start: None,
                 served: None,
             };
             let outcome = Outcome { solution: Some(solution), ..Outcome::unsolved(Stamp::default(), Reason::Solved, "") };

@@ -127,7 +127,7 @@ pub struct Finder {
     scratch: HalveScratch,
     /// Scales of `halved` that belong to the present frame.
     halved_ready: usize,
-    finder: PeakFinder,
+    pub(super) finder: PeakFinder,
     /// The picture smoothed at the scale of the last search, above its level.
     pub(super) smooth: Plane,
     pub(super) peaks: Vec<Peak>,
@@ -369,7 +369,7 @@ impl Finder {
 }
 
 /// Thresholds of the blocks of a plane of which a sample is the mean of `bin`² pixels: the noise of a mean falls with their number.
-fn set_thresholds(cells: &CellStatistics, plane: &Plane, bin: usize, snr: f32, thresholds: &mut Vec<f32>) {
+pub(super) fn set_thresholds(cells: &CellStatistics, plane: &Plane, bin: usize, snr: f32, thresholds: &mut Vec<f32>) {
     thresholds.clear();
     for y in 0..plane.height.div_ceil(CELL_PX) {
         for x in 0..plane.width.div_ceil(CELL_PX) {

@@ -113,6 +113,7 @@ codes!(Cause {
 codes!(SearchMode {
     1 Normal "normal",
     2 Robust "robust",
+    3 Motion "motion",
 });
 
 codes!(ClockQuality {

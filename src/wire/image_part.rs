@@ -169,6 +169,7 @@ mod tests {
                 refracted: false,
             }),
             epoch_yr: Some(2013.0),
+            start: None,
             served: None,
         }
     }

@@ -291,6 +291,7 @@ fn solved(frame: &stars::image::Frame) -> Outcome {
         false_probability_log10: -20.0,
         horizontal: None,
         epoch_yr: None,
+        start: None,
         served: None,
     };
     let found_by = Some(FoundBy::LostInSpace);

@@ -66,6 +66,7 @@ mod tests {
             false_probability_log10: -20.0,
             horizontal: None,
             epoch_yr: None,
+            start: None,
             served: None,
         };
         let stamp = Stamp { image: ImageCounter(image), ..Stamp::default() };

@@ -65,6 +65,21 @@ pub struct RenderSpec {
     pub camera: Option<u64>,
     /// Whether the truth tells what the photons allow, which takes as long as a good part of the frame itself.
     pub photon_bound: bool,
+    /// One exposure of a series whose motion is given.
+    pub part: Option<Part>,
+}
+
+/// One exposure of a series: instead of the mean of four exposures, and of the motion and the brightness that the kind draws.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Part {
+    /// Its place in the series, from 0: each has a noise of its own.
+    pub place: u8,
+    /// The camera's turns about (left, up, boresight) from the attitude, evenly over the exposure, rad; at least one.
+    pub turns: Vec<Vec3>,
+    /// Fraction of the stars' light that comes through.
+    pub starlight: f64,
+    /// Flux that no star exceeds, ADU.
+    pub most_flux_adu: f64,
 }
 
 /// A frame and what it shows.
@@ -122,12 +137,21 @@ impl RenderSpec {
             disc_px: None,
             camera: None,
             photon_bound: true,
+            part: None,
         }
     }
 
     /// Chance that is new with every frame.
     fn dice(&self, purpose: Purpose) -> Dice {
         Dice::new(self.seed, self.kind.number(), self.index, purpose)
+    }
+
+    /// Chance that is new with every exposure.
+    fn exposure_dice(&self, purpose: Purpose) -> Dice {
+        // Beyond the index of any frame.
+        const PLACE_BITS: u32 = 56;
+        let place = self.part.as_ref().map_or(0, |part| 1 + u64::from(part.place));
+        Dice::new(self.seed, self.kind.number(), self.index ^ (place << PLACE_BITS), purpose)
     }
 
     /// Chance that stays with the camera.
@@ -228,11 +252,11 @@ pub fn render_with(spec: &RenderSpec, catalogue: &Catalogue, exposure: &mut Expo
             exposure.dim();
             let light = &mut exposure.light;
             scene.flaws.paint_lasting(light, width, sensor.sum_over_mean, &mut spec.camera_dice(Purpose::HotPixels));
-            scene.flaws.paint_tracks(light, width, sensor.sum_over_mean, &mut spec.dice(Purpose::Events));
+            scene.flaws.paint_tracks(light, width, sensor.sum_over_mean, &mut spec.exposure_dice(Purpose::Events));
             if sensor.overflows {
                 sensor.overflow(light, width);
             }
-            let mut pixels = sensor.read_out(light, &mut spec.dice(Purpose::Noise));
+            let mut pixels = sensor.read_out(light, &mut spec.exposure_dice(Purpose::Noise));
             if scene.step_adu > 1 {
                 pixels.iter_mut().for_each(|pixel| *pixel -= *pixel % scene.step_adu);
             }

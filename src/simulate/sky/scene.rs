@@ -35,6 +35,8 @@ pub(super) struct Scene {
     pub blank: Option<u16>,
     /// Fraction of the stars' light that comes through.
     pub starlight: f64,
+    /// Flux that no star exceeds, ADU.
+    pub most_flux_adu: f64,
     /// Step to which values are rounded down, ADU.
     pub step_adu: u16,
     /// Diameter of the discs or length of the trails that stars are, px; nought where they are points.
@@ -74,7 +76,11 @@ impl Scene {
             (None, Kind::Spoilt(Cause::OutOfFocus)) => motion.log_uniform(spoil::DISC_PX.0, spoil::DISC_PX.1),
             _ => 0.0,
         };
-        let mut sensor = if spec.kind == Kind::MultiExp { Sensor::sum_of_four() } else { Sensor::mean_of_four() };
+        let mut sensor = match (&spec.part, spec.kind) {
+            (Some(_), _) => Sensor::single(),
+            (None, Kind::MultiExp) => Sensor::sum_of_four(),
+            (None, _) => Sensor::mean_of_four(),
+        };
         let mut backdrop = draw_backdrop(spec, &mut sky, &sensor);
         let mut pointing = spec.dice(Purpose::Pointing);
         let mut attitude = spec.attitude.unwrap_or_else(|| draw_attitude(spec.kind, &mut pointing));
@@ -91,7 +97,10 @@ impl Scene {
                 backdrop.glare = Some(Glare::covering(sky.uniform(0.2, 1.0), sky.angle(), sky.log_uniform(60.0, 600.0)));
             }
         }
-        let path = draw_path(spec, &mut motion);
+        let path = match &spec.part {
+            Some(part) => part.turns.iter().map(|turn| (*turn, 1.0 / part.turns.len() as f64)).collect(),
+            None => draw_path(spec, &mut motion),
+        };
         let mut scene = Self {
             blur_px: diameter.max(length_px(&path, &optics)),
             path,
@@ -106,7 +115,8 @@ impl Scene {
             flaws: draw_flaws(spec),
             blank: (spec.kind == Kind::Blank).then(|| draw_blank(spec, &mut sky, &sensor)),
             sensor,
-            starlight: 1.0,
+            starlight: spec.part.as_ref().map_or(1.0, |part| part.starlight),
+            most_flux_adu: spec.part.as_ref().map_or(f64::INFINITY, |part| part.most_flux_adu),
             step_adu: 1,
         };
         if let Kind::Spoilt(cause) = spec.kind {

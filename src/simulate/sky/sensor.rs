@@ -17,6 +17,8 @@ pub(super) struct Sensor {
     pub full_scale_adu: u16,
     /// ADU of the written frame for one ADU of the mean of the exposures.
     pub sum_over_mean: f64,
+    /// Exposures in the written frame.
+    exposures: u8,
     /// Charge beyond the full scale runs along the column instead of being lost.
     pub overflows: bool,
 }
@@ -42,6 +44,11 @@ pub(super) struct Flaws {
 }
 
 impl Sensor {
+    /// One exposure.
+    pub fn single() -> Self {
+        Self { electrons_per_adu: ELECTRONS_PER_ADU, read_noise_e: READ_NOISE_E, exposures: 1, ..Self::mean_of_four() }
+    }
+
     /// The mean of four exposures.
     pub fn mean_of_four() -> Self {
         let n = f64::from(EXPOSURES);
@@ -51,6 +58,7 @@ impl Sensor {
             bias_adu: BIAS_ADU,
             full_scale_adu: FULL_SCALE_ADU,
             sum_over_mean: 1.0,
+            exposures: EXPOSURES,
             overflows: false,
         }
     }
@@ -69,7 +77,7 @@ impl Sensor {
 
     /// Exposures in the written frame.
     pub fn exposures(&self) -> u8 {
-        EXPOSURES
+        self.exposures
     }
 
     /// Light that just clips, ADU over bias.

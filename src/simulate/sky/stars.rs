@@ -90,7 +90,7 @@ pub(super) fn expose(spec: &RenderSpec, scene: &mut Scene, catalogue: &Catalogue
         let scatter = COLOUR_SCATTER_MAG * Dice::new(spec.camera.unwrap_or(spec.seed), 0, index as u64, Purpose::Star).normal();
         let overflow = scene.overflowing.filter(|(which, _)| *which == index).map_or(1.0, |(_, times)| times);
         let mean_flux = libm::pow(10.0, 0.4 * (ZERO_POINT_MAG - f64::from(star.mag) - scatter)) * overflow;
-        let flux_adu = mean_flux * scene.sensor.sum_over_mean * scene.starlight;
+        let flux_adu = (mean_flux * scene.sensor.sum_over_mean * scene.starlight).min(scene.most_flux_adu);
         let x = path.iter().map(|step| step.0 * step.2).sum();
         let y = path.iter().map(|step| step.1 * step.2).sum();
         if overflow > 1.0 {

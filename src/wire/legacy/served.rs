@@ -181,6 +181,7 @@ mod tests {
             false_probability_log10: -20.0,
             horizontal: Some(HorizontalSolution { pointing, sigma, observer, equinox_yr: None, refracted: false }),
             epoch_yr: None,
+            start: None,
             served: None,
         }
     }
