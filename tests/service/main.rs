@@ -14,6 +14,7 @@ mod actors;
 mod commands;
 mod housekeeping;
 mod images;
+mod motion;
 mod program;
 mod sessions;
 mod support;
