@@ -23,6 +23,8 @@ const PATIENCE_S: f64 = 2.0;
 const BUFFERS: usize = 16;
 /// What all of them may take, bytes. At least three are there, or none could be received while one is looked at.
 const BUFFERS_BYTES: usize = 256 << 20;
+/// What is said of a camera that is away.
+const LOST: &str = "was lost: it does not answer any more";
 /// The highest number of a frame where a camera numbers with 16 bits, as GigE Vision did at first; after it comes 1.
 const LAST_SHORT_ID: u64 = 0xffff;
 
@@ -42,9 +44,10 @@ impl AravisCamera {
 
     /// The connection, made where there is none.
     fn opened(&mut self) -> Result<&mut Connection, CameraError> {
-        if self.open.as_ref().is_some_and(Connection::is_lost) {
+        if let Some(lost) = self.open.take_if(|connection| connection.is_lost()) {
             // Told once; the next call tries to open it.
-            let why = self.open.take().map_or_else(String::new, |lost| lost.told("was lost: it does not answer any more"));
+            let why = lost.told(LOST);
+            lost.close();
             return Err(CameraError::Unavailable(why));
         }
         match &mut self.open {
@@ -64,9 +67,11 @@ impl AravisCamera {
 impl Source for AravisCamera {
     fn next(&mut self, moment: &Moment) -> Result<Frame, CameraError> {
         let taken = self.opened()?.take(moment);
-        if matches!(taken, Err(CameraError::Unavailable(_))) {
+        if matches!(taken, Err(CameraError::Unavailable(_)))
+            && let Some(connection) = self.open.take()
+        {
             // Whatever it was: a camera that is opened anew begins anew, and a frame that was late is not taken for the next.
-            self.open = None;
+            connection.close();
         }
         taken
     }
@@ -109,8 +114,10 @@ struct Connection {
     /// Where a buffer that ends puts its memory.
     give_back: SyncSender<Vec<u16>>,
     given_back: Receiver<Vec<u16>>,
-    /// The camera's number of the last frame.
+    /// The camera's number of the last frame that had one.
     last_id: Option<u64>,
+    /// Frames since then whose number never came.
+    nameless: u64,
     /// Packets missing until now.
     missing_packets: u64,
 }
@@ -156,6 +163,7 @@ impl Connection {
             give_back,
             given_back,
             last_id: None,
+            nameless: 0,
             missing_packets: 0,
             camera,
         };
@@ -191,7 +199,6 @@ impl Connection {
                 _ => (came_us - asked_us) as f64 * 1e-6 - self.exposure_s / 2.0,
             };
             let mut stamp = self.stamp(moment, since_s);
-            stamp.origin = format!("{} {id}", self.name);
             let incomplete = match status {
                 // A stream that ends, not a frame.
                 BufferStatus::Aborted | BufferStatus::Cleared => continue,
@@ -220,10 +227,19 @@ impl Connection {
         }
     }
 
-    /// Counts what was lost before and in a frame, by the camera's number of it and by the packets that the driver missed.
+    /// Names a frame, and counts what was lost before and in it: by the camera's number of it, and by the packets that the driver missed.
     fn count(&mut self, id: u64, incomplete: bool, stamp: &mut Stamp) {
         let short = self.camera.is_gv_device();
-        let missed = self.last_id.replace(id).map_or(0, |last| missed_between(last, id, short));
+        let missed = if short && id == 0 {
+            // The packet that has the number is among those that are missing; the next number tells what came before it.
+            self.nameless += 1;
+            stamp.origin = self.last_id.map_or_else(|| self.told("?"), |last| self.told(&format!("{last}+{}", self.nameless)));
+            0
+        } else {
+            stamp.origin = self.told(&id.to_string());
+            let between = self.last_id.replace(id).map_or(0, |last| missed_between(last, id, short));
+            between.saturating_sub(std::mem::take(&mut self.nameless))
+        };
         stamp.missed_frames = u32::try_from(missed).unwrap_or(u32::MAX);
         if incomplete {
             // Of USB3 Vision, without packets, one is said to be missing.
@@ -257,14 +273,13 @@ impl Connection {
     /// Why no frame came in time.
     fn nothing_came(&self) -> CameraError {
         if self.is_lost() {
-            return CameraError::Unavailable(self.told("was lost: it does not answer any more"));
+            return CameraError::Unavailable(self.told(LOST));
         }
-        match self.camera.payload() {
-            Err(error) => self.failed("was lost: it does not answer any more", &error),
+        if self.trigger.is_line() {
             // Who waits for others' triggers knows nothing of their times.
-            Ok(_) if self.trigger.is_line() => CameraError::NothingNew,
-            Ok(_) => CameraError::Unavailable(self.told(&format!("gave no frame within {:.1} s", self.exposure_s + PATIENCE_S))),
+            return CameraError::NothingNew;
         }
+        CameraError::Unavailable(self.told(&format!("gave no frame within {:.1} s", self.exposure_s + PATIENCE_S)))
     }
 
     fn gain(&self) -> Result<f64, CameraError> {
@@ -277,6 +292,14 @@ impl Connection {
     fn set_gain(&self, gain_db: f64) -> Result<(), CameraError> {
         self.gain()?;
         self.camera.set_gain(gain_db).map_err(|error| self.refused(&format!("does not take a gain of {gain_db} dB"), &error))
+    }
+
+    /// Ends it beside everything else: a camera that is away is waited for at each step of it, for seconds.
+    fn close(self) {
+        let ended = std::thread::Builder::new().name("camera-close".to_owned()).spawn(move || drop(self));
+        if let Err(error) = ended {
+            tracing::warn!(%error, "no thread to close the camera in");
+        }
     }
 
     fn is_lost(&self) -> bool {
