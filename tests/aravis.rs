@@ -10,7 +10,8 @@ use stars::settings::{CameraSettings, PixelFormat, Settings, Trigger};
 use stars::sky::{ClockQuality, Utc};
 use std::fs::File;
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
+use tokio::time::Instant;
 
 const PROGRAM: &str = "arv-fake-gv-camera-0.8";
 const SERIAL: &str = "STARS1";
