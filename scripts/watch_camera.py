@@ -5,7 +5,8 @@ library only.
     watch_camera.py STARS SECONDS TIMES SCRATCH
 
 STARS is the program, built with `--features aravis`; the camera is Aravis's fake one for GigE Vision on the loopback
-(`arv-fake-gv-camera-0.8`), killed and started again, every second time with packets lost. It writes a line for each frame that it sends
+(`arv-fake-gv-camera-0.8`), killed and started again, every second time with packets lost. At times the service is stopped for longer than
+frames can wait, so that some must be missed. The camera writes a line for each frame that it sends
 and for each packet that it drops. Prints a line `wanted: … got: … PASS|FAIL` for each thing wanted; exits 1 if any failed.
 """
 
@@ -13,6 +14,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -28,6 +30,8 @@ RATE, WIDTH, HEIGHT = 20, 128, 96
 LOST_PER_THOUSAND = 5
 # The camera stays away for so long, s.
 AWAY_S = 2.0
+# So long the service is stopped, s: longer than 16 frames take, and not as long as a camera waits to be asked for its health.
+STOPPED_S = 1.5
 # After this number the camera begins again with 1.
 LAST_NUMBER = 65535
 FITS_BLOCK = 2880
@@ -37,7 +41,7 @@ class Life:
     """The camera from one plugging in to the next pulling out; its serial number tells its frames from those of others."""
 
     def __init__(self, number, scratch):
-        self.serial, self.lossy = f"LIFE{number:03}", number % 2 == 1
+        self.serial, self.lossy, self.stopped = f"LIFE{number:03}", number % 2 == 1, number % 4 == 2
         self.log = scratch / f"{self.serial}.log"
         loss = ["-r", str(LOST_PER_THOUSAND)] if self.lossy else []
         command = [PROGRAM, "-i", "127.0.0.1", "-s", self.serial, *loss, "-d", "stream-thread:3"]
@@ -109,7 +113,12 @@ def fly(stars, seconds, times, scratch):
     lives = []
     for life in range(times + 1):
         lives.append(Life(life, scratch))
-        time.sleep(max(1.0, seconds / (times + 1) - AWAY_S))
+        time.sleep(max(3.0, seconds / (times + 1) - AWAY_S))
+        if lives[-1].stopped:
+            service.send_signal(signal.SIGSTOP)
+            time.sleep(STOPPED_S)
+            service.send_signal(signal.SIGCONT)
+            time.sleep(STOPPED_S)
         if life == times:
             # The service first: the last frames are not cut off.
             status = stop(service)
@@ -140,15 +149,18 @@ def judge(verdict, lives, records):
             miscounted.append((life.serial, sum(outcome["missed_frames"] for outcome in mine), missed))
         unseen += [(life.serial, n) for n in sent[:-1] if n not in set(got)]
         marked = {number(outcome["image"]) for outcome in mine if outcome["missing_packets"] > 0}
-        mismarked += [(life.serial, n) for n in (marked ^ dropped) & set(got[:-1])]
+        # What comes while nobody takes it may lose packets too.
+        unlike = dropped - marked if life.stopped else marked ^ dropped
+        mismarked += [(life.serial, n) for n in unlike & set(got[:-1])]
     names = [outcome["image"] for outcome in told]
     marks = sum(outcome["missing_packets"] > 0 for outcome in told)
-    verdict(f"the camera used again after each of {len(lives) - 1} times away", f"{len(lives)} lives, frames of each: "
-            f"{not any(what == 'all of it' for _, what in unseen)}", not any(what == "all of it" for _, what in unseen))
+    without = [serial for serial, what in unseen if what == "all of it"]
+    verdict(f"the camera used again after each of {len(lives) - 1} times away", f"{len(lives)} times there, without a frame: {without}",
+            not without)
     verdict("no frame invented, none twice", f"{len(told)} of {sent_all} sent; invented: {invented[:5]}", bool(told) and not invented)
-    gone = len([n for _, n in unseen if n != "all of it"])
-    verdict("every frame that was sent is there, or counted as missed", f"{gone} not there {unseen[:5]}; miscounted {miscounted[:5]}",
-            not miscounted and gone == sum(outcome["missed_frames"] for outcome in told))
+    gone, counted = len([n for _, n in unseen if n != "all of it"]), sum(outcome["missed_frames"] for outcome in told)
+    verdict("every frame that was sent is there or counted as missed, some missed while the service was stopped",
+            f"{gone} not there, {counted} counted; miscounted {miscounted[:5]}", not miscounted and gone == counted > 0)
     verdict("every frame with an outcome is on disk, and no other", f"{len(files)} files, {len(set(names) ^ set(kept))} differ",
             len(files) == len(told) and set(names) == set(kept))
     wrong = [outcome["image"] for outcome in told
