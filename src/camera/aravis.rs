@@ -141,10 +141,8 @@ impl Connection {
             let lost = Arc::clone(&lost);
             device.connect_control_lost(move |_| lost.store(true, Ordering::Relaxed));
         }
-        let text = |text: Result<glib::GString, glib::Error>| text.map_or_else(|_| "?".to_owned(), Into::into);
-        let name = [text(camera.vendor_name()), text(camera.model_name()), text(camera.device_serial_number())]
-            .map(|part: String| part)
-            .join(" ");
+        let text = |text: Result<glib::GString, glib::Error>| text.map_or_else(|_| "?".to_owned(), String::from);
+        let name = [text(camera.vendor_name()), text(camera.model_name()), text(camera.device_serial_number())].join(" ");
         let (give_back, given_back) = sync_channel(1);
         let connection = Self {
             stream,
@@ -153,10 +151,10 @@ impl Connection {
             format: settings.pixel_format,
             width,
             height,
-            full_scale: u16::try_from(settings.full_scale_adu)
-                .ok()
-                .filter(|adu| *adu > 0)
-                .unwrap_or(settings.pixel_format.full_scale_adu()),
+            full_scale: match u16::try_from(settings.full_scale_adu) {
+                Ok(adu) if adu > 0 => adu,
+                _ => settings.pixel_format.full_scale_adu(),
+            },
             exposure_s: camera.exposure_time().map_err(doing("ExposureTime"))? * 1e-6,
             payload,
             lost,

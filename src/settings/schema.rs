@@ -141,7 +141,7 @@ pub struct CameraSettings {
     pub kind: CameraKind,
     /// Directory of images for `kind = "directory"`.
     pub directory: String,
-    /// Which camera `kind = "aravis"` is: its identifier, serial number or address; the first where empty.
+    /// Which camera `kind = "aravis"` is: its identifier or address; the first where empty.
     pub device: String,
     /// What makes it expose.
     pub trigger: Trigger,
