@@ -351,7 +351,7 @@ fn stamps() -> impl Strategy<Value = Stamp> {
     let counters = (any::<u32>(), proptest::option::of(any::<u32>()), "[ -~]{0,60}", any::<bool>());
     let quality = prop_oneof![Just(ClockQuality::Unset), Just(ClockQuality::FreeRunning), Just(ClockQuality::Synchronised)];
     let time = proptest::option::of((631_152_000.0..3_786_911_999.0, quality));
-    let exposure = (proptest::option::of(0.0..1e6_f64), 1..=u8::MAX);
+    let exposure = (proptest::option::of(0.0..1e6_f64), 1..=u8::MAX, proptest::option::of(any::<u8>()));
     let lens = (proptest::option::of(-100.0..100.0_f64), proptest::option::of(any::<i32>()), proptest::option::of(any::<i32>()));
     let observer = proptest::option::of((-90.0..90.0_f64, 0.0..24.0_f64));
     let lost = (any::<u32>(), any::<u32>());
@@ -362,6 +362,7 @@ fn stamps() -> impl Strategy<Value = Stamp> {
         captured: time.map(|(unix_s, quality)| (Utc::from_unix(unix_s).unwrap(), quality)),
         exposure_s: exposure.0,
         exposures: exposure.1,
+        part: exposure.2,
         gain_db: lens.0,
         focus_counts: lens.1,
         aperture_counts: lens.2,
@@ -493,6 +494,7 @@ fn frames_are_written_for_fitsverify() {
         captured: Utc::from_calendar(2012, 12, 31, 23, 59, 59.999_999_9).map(|time| (time, ClockQuality::Synchronised)),
         exposure_s: Some(1e-7),
         exposures: 4,
+        part: Some(3),
         gain_db: Some(-1.25e-300),
         focus_counts: Some(-1),
         aperture_counts: Some(6),

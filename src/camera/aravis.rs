@@ -5,7 +5,7 @@
 //! a part of an older image.
 
 use super::{CameraError, Moment, Source};
-use crate::image::{Frame, Stamp};
+use crate::image::{Frame, Series, Stamp};
 use crate::settings::{CameraSettings, PixelFormat, Trigger};
 use crate::sky::{ClockQuality, RowOrder, Utc};
 use aravis::glib::object::Cast;
@@ -65,7 +65,7 @@ impl AravisCamera {
 }
 
 impl Source for AravisCamera {
-    fn next(&mut self, moment: &Moment) -> Result<Frame, CameraError> {
+    fn next(&mut self, moment: &Moment) -> Result<Series, CameraError> {
         let taken = self.opened()?.take(moment);
         if matches!(taken, Err(CameraError::Unavailable(_)))
             && let Some(connection) = self.open.take()
@@ -73,7 +73,7 @@ impl Source for AravisCamera {
             // Whatever it was: a camera that is opened anew begins anew, and a frame that was late is not taken for the next.
             connection.close();
         }
-        taken
+        taken.map(Series::from)
     }
 
     fn gain(&mut self) -> Result<f64, CameraError> {

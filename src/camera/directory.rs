@@ -1,10 +1,10 @@
-//! A directory of image files as a camera: in the order of their names, the parts of a series co-added.
+//! A directory of image files as a camera: in the order of their names, the parts of a series as the exposures of one image.
 //!
 //! A program that puts images there should write them under another name and rename them: an image that is read while it is
 //! being written is torn, and is told as unreadable.
 
 use super::{CameraError, Moment, Source};
-use crate::image::{Frame, MAX_PARTS, coadd, read, series_stem};
+use crate::image::{Frame, MAX_PARTS, Series, read, series_stem};
 use crate::settings::CameraSettings;
 use std::collections::{BTreeMap, HashSet, VecDeque};
 use std::fs;
@@ -25,14 +25,14 @@ pub struct Directory {
     /// Highest value of a single exposure, ADU, where the settings say it.
     full_scale: Option<u16>,
     /// What is left of this pass through the directory.
-    pending: VecDeque<Series>,
+    pending: VecDeque<Files>,
     /// What was shown before and is still there; empty where the directory is repeated.
     shown: HashSet<String>,
 }
 
-/// One frame's files.
+/// One image's files.
 #[derive(Debug, Clone, PartialEq, Eq)]
-struct Series {
+struct Files {
     /// The series' stem, or the name of an image that stands alone.
     name: String,
     /// File names, in the order of their parts.
@@ -67,8 +67,8 @@ impl Directory {
         Ok(())
     }
 
-    /// Reads the files of one frame; parts that can't be read are left out as long as one can.
-    fn load(&self, series: &Series) -> Result<Frame, CameraError> {
+    /// Reads the files of one image; parts that can't be read are left out as long as one can.
+    fn load(&self, series: &Files) -> Result<Series, CameraError> {
         let mut frames = Vec::new();
         let mut problems = Vec::new();
         for part in series.parts.iter().take(MAX_PARTS) {
@@ -88,24 +88,21 @@ impl Directory {
         for problem in problems.into_iter().chain(too_many) {
             tracing::warn!(problem, "left out of its series");
         }
-        match frames.len() {
-            1 => frames.pop().ok_or(CameraError::NothingNew),
-            _ => coadd(&frames).map_err(|error| unreadable(error.to_string())),
-        }
+        Series::new(frames).map_err(|error| unreadable(error.to_string()))
     }
 }
 
 impl Source for Directory {
-    fn next(&mut self, _moment: &Moment) -> Result<Frame, CameraError> {
+    fn next(&mut self, _moment: &Moment) -> Result<Series, CameraError> {
         if self.pending.is_empty() {
             self.look()?;
         }
         let series = self.pending.pop_front().ok_or(CameraError::NothingNew)?;
-        let frame = self.load(&series);
+        let image = self.load(&series);
         if !self.repeat {
             self.shown.insert(series.name);
         }
-        frame
+        image
     }
 }
 
@@ -124,9 +121,9 @@ fn image_names(directory: &Path) -> io::Result<Vec<String>> {
 }
 
 /// Puts the parts of a series together, in the order of their numbers; series stay in the order of their names.
-fn series(names: Vec<String>, stack_parts: bool) -> Vec<Series> {
+fn series(names: Vec<String>, stack_parts: bool) -> Vec<Files> {
     if !stack_parts {
-        return names.into_iter().map(|name| Series { name: name.clone(), parts: vec![name] }).collect();
+        return names.into_iter().map(|name| Files { name: name.clone(), parts: vec![name] }).collect();
     }
     let mut stems: BTreeMap<String, Vec<(u32, String)>> = BTreeMap::new();
     for name in names {
@@ -135,7 +132,7 @@ fn series(names: Vec<String>, stack_parts: bool) -> Vec<Series> {
     }
     let sorted = |(name, mut parts): (String, Vec<(u32, String)>)| {
         parts.sort_unstable();
-        Series { name, parts: parts.into_iter().map(|(_, name)| name).collect() }
+        Files { name, parts: parts.into_iter().map(|(_, name)| name).collect() }
     };
     stems.into_iter().map(sorted).collect()
 }
@@ -178,7 +175,8 @@ mod tests {
 
     fn next(camera: &mut Directory) -> Result<Frame, CameraError> {
         let image = ImageCounter(0);
-        camera.next(&Moment { image, uptime: Duration::ZERO, utc: None, quality: ClockQuality::Unset })
+        let series = camera.next(&Moment { image, uptime: Duration::ZERO, utc: None, quality: ClockQuality::Unset })?;
+        Ok(series.sum().unwrap_or_else(|| series.exposures()[0].clone()))
     }
 
     /// Names of the next frames until there is nothing new.
@@ -230,14 +228,14 @@ mod tests {
     }
 
     #[test]
-    fn a_fifth_part_and_a_torn_one_are_left_out_of_their_series() {
+    fn a_part_too_many_and_a_torn_one_are_left_out_of_their_series() {
         let there = tempfile::tempdir().unwrap();
-        for part in 0..6 {
-            put(&there, &format!("s_p{part}.fits"), 1 << part);
+        for part in 0..17 {
+            put(&there, &format!("s_p{part}.fits"), 1 << part.min(15));
         }
         fs::write(there.path().join("s_p1.fits"), "SIMPLE  =").unwrap();
         let frame = next(&mut camera(&there, |_| {})).unwrap();
-        assert_eq!((frame.pixels[0], frame.stamp.exposures), (1 + 4 + 8, 3));
+        assert_eq!((frame.pixels[0], frame.stamp.exposures), (u16::MAX - 2, 15));
     }
 
     #[test]

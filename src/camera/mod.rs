@@ -14,7 +14,7 @@ pub use aravis::AravisCamera;
 pub use directory::Directory;
 pub use sky::{Gondola, SimulatedSky};
 
-use crate::image::{Frame, ImageCounter};
+use crate::image::{ImageCounter, Series};
 use crate::sky::{ClockQuality, Utc};
 use std::time::Duration;
 
@@ -31,14 +31,14 @@ pub struct Moment {
     pub quality: ClockQuality,
 }
 
-/// Something that gives frames. May block for as long as a frame takes.
+/// Something that gives images, each a series of one or more exposures. May block for as long as one takes.
 pub trait Source: Send {
-    /// The next frame.
+    /// The exposures of the next image.
     ///
     /// # Errors
     ///
     /// See [`CameraError`]; after any of them the source may be asked again.
-    fn next(&mut self, moment: &Moment) -> Result<Frame, CameraError>;
+    fn next(&mut self, moment: &Moment) -> Result<Series, CameraError>;
 
     /// The gain that the camera has, dB.
     ///

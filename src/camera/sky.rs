@@ -2,7 +2,7 @@
 
 use super::{CameraError, Moment, Source};
 use crate::catalog::Catalogue;
-use crate::image::Frame;
+use crate::image::Series;
 use crate::settings::{Settings, SimulateSettings};
 use crate::simulate::sky::{Exposure, Kind, RenderSpec, Truth, UnknownKind, render_with};
 use crate::sky::{ARCSEC, Attitude, ClockQuality, DEG, Observer, RowOrder, precess_from_j2000, wrap_two_pi};
@@ -147,7 +147,7 @@ impl LensFocus {
 }
 
 impl Source for SimulatedSky {
-    fn next(&mut self, moment: &Moment) -> Result<Frame, CameraError> {
+    fn next(&mut self, moment: &Moment) -> Result<Series, CameraError> {
         let year = moment.utc.map(|utc| utc.julian_year());
         let spec = RenderSpec {
             index: u64::from(moment.image.0),
@@ -162,7 +162,7 @@ impl Source for SimulatedSky {
         frame.stamp.captured = moment.utc.map(|utc| (utc, moment.quality)).filter(|(_, quality)| *quality != ClockQuality::Unset);
         frame.stamp.observer = Some(self.gondola.observer(moment.uptime));
         self.truth = Some(rendered.truth);
-        Ok(frame)
+        Ok(frame.into())
     }
 
     fn gain(&mut self) -> Result<f64, CameraError> {
@@ -229,7 +229,7 @@ mod tests {
         let mut small = settings();
         (small.camera.width_px, small.camera.height_px) = (256, 192);
         let mut sky = SimulatedSky::new(&small, Arc::new(Catalogue::embedded().unwrap())).unwrap();
-        let frame = sky.next(&moment(7, 40)).unwrap();
+        let frame = sky.next(&moment(7, 40)).unwrap().exposures()[0].clone();
         assert!(frame.stamp.simulated);
         assert_eq!((frame.width, frame.height), (256, 192));
         assert_eq!(frame.stamp.captured.map(|(utc, _)| utc), moment(7, 40).utc);
@@ -239,6 +239,6 @@ mod tests {
         let wanted = sky.gondola().attitude(Duration::from_secs(40), Some(year)).unwrap();
         assert!(separation(&truth.attitude.unwrap().boresight(), &wanted.boresight()) < 1e-9);
         let again = sky.next(&moment(7, 40)).unwrap();
-        assert_eq!(frame, again, "the same moment shows the same frame");
+        assert_eq!(again.exposures(), [frame], "the same moment shows the same frame");
     }
 }

@@ -3,7 +3,7 @@
 use super::run::{end, runtime, start_logging, stop_signal, until};
 use super::{ConfigArgs, NEGATIVE, print};
 use crate::camera::{CameraError, Gondola, Moment, SimulatedSky, Source};
-use crate::image::Frame;
+use crate::image::Series;
 use crate::service::{
     MakeSource, Parts, Running, Seen, Sighting, SimulatedLens, Stars, StartError, fly, simulated_sky, start_with,
 };
@@ -161,8 +161,8 @@ fn sky(settings: &Arc<Settings>, stars: &Stars, lens: Option<&SimulatedLens>, tr
         truths: Truths,
     }
     impl Source for Noted {
-        fn next(&mut self, moment: &Moment) -> Result<Frame, CameraError> {
-            let frame = self.sky.next(moment)?;
+        fn next(&mut self, moment: &Moment) -> Result<Series, CameraError> {
+            let series = self.sky.next(moment)?;
             let mut truths = self.truths.lock().unwrap_or_else(PoisonError::into_inner);
             if let Some(attitude) = self.sky.truth().and_then(|truth| truth.attitude) {
                 truths.insert(moment.image.0, attitude);
@@ -170,7 +170,7 @@ fn sky(settings: &Arc<Settings>, stars: &Stars, lens: Option<&SimulatedLens>, tr
             while truths.len() > REMEMBERED {
                 truths.pop_first();
             }
-            Ok(frame)
+            Ok(series)
         }
     }
     let (settings, stars, lens, truths) = (Arc::clone(settings), stars.clone(), lens.cloned(), Arc::clone(truths));

@@ -5,7 +5,7 @@ use super::{ConfigArgs, NEGATIVE, print};
 use crate::camera::{Directory, Moment, Source};
 use crate::catalog::Catalogue;
 use crate::command::FlightComputer;
-use crate::image::{Frame, ImageCounter};
+use crate::image::{ImageCounter, Series};
 use crate::service::{Clock, Keys, SensorError, Stars, is_simulated, load_bad_pixels, prepare, read_once, utc_now};
 use crate::settings::{CameraKind, LensKind, Settings};
 use crate::simulate::Judged;
@@ -189,18 +189,19 @@ fn camera(settings: &Settings) -> Verdict {
         #[cfg(feature = "aravis")]
         CameraKind::Aravis => match crate::camera::AravisCamera::new(&settings.camera).next(&moment) {
             Err(error) => Verdict::Bad(format!("camera.device = \"{}\": {error}", settings.camera.device)),
-            Ok(frame) => size(settings, &frame),
+            Ok(series) => size(settings, &series),
         },
         CameraKind::Sky => Verdict::Good("a simulated sky".to_owned()),
         CameraKind::Directory => match Directory::new(&settings.camera).next(&moment) {
             Err(error) => Verdict::Bad(format!("camera.directory = \"{}\": {error}", settings.camera.directory)),
-            Ok(frame) => size(settings, &frame),
+            Ok(series) => size(settings, &series),
         },
     }
 }
 
-/// Whether a frame has the size that the settings say.
-fn size(settings: &Settings, frame: &Frame) -> Verdict {
+/// Whether exposures have the size that the settings say.
+fn size(settings: &Settings, series: &Series) -> Verdict {
+    let Some(frame) = series.exposures().first() else { return Verdict::Bad("no exposure".to_owned()) };
     let (width, height) = (settings.camera.width_px as usize, settings.camera.height_px as usize);
     let text = format!("{}: {} × {} px", frame.stamp.origin, frame.width, frame.height);
     if (frame.width, frame.height) == (width, height) {

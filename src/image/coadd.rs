@@ -3,7 +3,7 @@
 use super::Frame;
 
 /// Most exposures of a series.
-pub const MAX_PARTS: usize = 4;
+pub const MAX_PARTS: usize = 16;
 
 /// Why exposures could not be added.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -19,7 +19,7 @@ pub enum CoaddError {
     },
 }
 
-/// Adds up to four exposures of the same field.
+/// Adds up to [`MAX_PARTS`] exposures of the same field.
 ///
 /// A pixel that is saturated in any exposure is saturated in the sum, at the sum's full scale, because the light that it
 /// lost would bend a centroid unseen: so the full scale of the parts should be set beforehand where the camera's is known
@@ -28,16 +28,9 @@ pub enum CoaddError {
 /// The stamp is that of the first, with the exposures and all that was lost counted.
 ///
 /// # Errors
-/// No part, more than four, or parts of different layouts.
+/// No part, too many, or parts of different layouts.
 pub fn coadd(parts: &[Frame]) -> Result<Frame, CoaddError> {
-    let Some((first, others)) = parts.split_first().filter(|_| parts.len() <= MAX_PARTS) else {
-        return Err(CoaddError::Number(parts.len()));
-    };
-    let layout = |frame: &Frame| (frame.width, frame.height, frame.rows, frame.pixels.len());
-    if let Some(i) = others.iter().position(|part| layout(part) != layout(first)) {
-        return Err(CoaddError::Layout { part: i + 1 });
-    }
-
+    let first = check(parts)?;
     // A saturated pixel is marked by a sum beyond any other: no true sum reaches 2³¹.
     const SATURATED: u32 = 1 << 31;
     let mut sum = vec![0_u32; first.pixels.len()];
@@ -61,11 +54,24 @@ pub fn coadd(parts: &[Frame]) -> Result<Frame, CoaddError> {
     };
 
     let mut stamp = first.stamp.clone();
+    stamp.part = None;
     stamp.exposures = parts.iter().fold(0, |n: u8, part| n.saturating_add(part.stamp.exposures.max(1)));
     stamp.simulated = parts.iter().any(|part| part.stamp.simulated);
     stamp.missing_packets = parts.iter().fold(0, |n: u32, part| n.saturating_add(part.stamp.missing_packets));
     stamp.missed_frames = parts.iter().fold(0, |n: u32, part| n.saturating_add(part.stamp.missed_frames));
     Ok(Frame { pixels: sum.into_iter().map(scaled).collect(), full_scale: full_scale.map(|_| top), stamp, ..*first })
+}
+
+/// Whether exposures can be added; the first of them.
+pub(super) fn check(parts: &[Frame]) -> Result<&Frame, CoaddError> {
+    let Some((first, others)) = parts.split_first().filter(|_| parts.len() <= MAX_PARTS) else {
+        return Err(CoaddError::Number(parts.len()));
+    };
+    let layout = |frame: &Frame| (frame.width, frame.height, frame.rows, frame.pixels.len());
+    match others.iter().position(|part| layout(part) != layout(first)) {
+        Some(i) => Err(CoaddError::Layout { part: i + 1 }),
+        None => Ok(first),
+    }
 }
 
 #[cfg(test)]
@@ -115,7 +121,7 @@ mod tests {
     fn parts_that_do_not_belong_together_are_refused() {
         let first = part([0; 4], None);
         assert_eq!(coadd(&[]), Err(CoaddError::Number(0)));
-        assert_eq!(coadd(&vec![first.clone(); 5]), Err(CoaddError::Number(5)));
+        assert_eq!(coadd(&vec![first.clone(); 17]), Err(CoaddError::Number(17)));
         let mut turned = first.clone();
         turned.rows = RowOrder::TopFirst;
         assert_eq!(coadd(&[first.clone(), first.clone(), turned]), Err(CoaddError::Layout { part: 2 }));

@@ -25,6 +25,8 @@ pub struct Stamp {
     pub exposure_s: Option<f64>,
     /// Exposures co-added into it; 0 counts as 1.
     pub exposures: u8,
+    /// Its place among the exposures of its series, from 0; `None` for a sum of them, and for an image that stands alone.
+    pub part: Option<u8>,
     /// Gain, dB.
     pub gain_db: Option<f64>,
     /// Focus position, encoder counts.

@@ -3,7 +3,7 @@
 //! Uses `sky` (times, observer) and `settings`. No disk: readers take bytes, writers take `Write`.
 //!
 //! * [`read()`] a file of any kind into a [`Frame`]; [`write_fits`] and [`write_png`] write one; [`checksum_holds`] judges one;
-//! * [`series_stem`] and [`time_in_name`] say what a file's name tells; [`coadd()`] adds up a series;
+//! * [`series_stem`] and [`time_in_name`] say what a file's name tells; [`coadd()`] adds up a [`Series`];
 //! * [`Shelf`] says which of the images that are kept go when there is no room for more;
 //! * [`BadPixels`] and [`Mask`] take away what cannot be believed;
 //! * [`CellStatistics`] say how bright, noisy and saturated an image is;
@@ -19,6 +19,7 @@ mod mask;
 mod name;
 mod raster;
 mod read;
+mod series;
 mod shelf;
 mod statistics;
 mod tiff;
@@ -32,6 +33,7 @@ pub use level::{Level, LevelMeter, auto_level, to_grey8};
 pub use mask::{Mask, MaskError};
 pub use name::{series_stem, time_in_name};
 pub use read::{Problem, ReadError, read};
+pub use series::Series;
 pub use shelf::{Shelf, Shelved};
 pub use statistics::{CELL_PX, CellStatistics};
 pub use write::{WriteError, write_fits, write_png};

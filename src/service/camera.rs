@@ -12,7 +12,7 @@ use super::state::{CameraState, Disk, Finished, ImageNews, Shed, State};
 use super::supervisor::{Ended, panic_message, panic_text};
 use crate::camera::{CameraError, Moment, Source};
 use crate::command::OrderNumber;
-use crate::image::{Frame, ImageCounter, Stamp};
+use crate::image::{Frame, ImageCounter, Series, Stamp};
 use crate::settings::Settings;
 use crate::solve::{Outcome, Reason};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -70,12 +70,20 @@ pub struct CameraActor {
 /// Why a camera is not asked any more.
 const HANGS: &str = "its driver hangs, time after time";
 
-/// What the blocking pool gives back: the source for the next time, and the frame.
+/// What the blocking pool gives back: the source for the next time, and the image.
 struct Shot {
     source: Option<Box<dyn Source>>,
     /// The gain of a source that was made for this frame, dB, where it has one.
     gain_db: Option<f64>,
-    frame: Result<Frame, CameraError>,
+    image: Result<Taken, CameraError>,
+}
+
+/// An image that was taken.
+struct Taken {
+    /// Its exposures, which are kept.
+    series: Series,
+    /// Their sum, which is solved; `None` where there is one alone.
+    sum: Option<Frame>,
 }
 
 impl CameraActor {
@@ -144,20 +152,25 @@ impl CameraActor {
         let running = self.left_behind.start();
         let job = tokio::task::spawn_blocking(move || match running {
             Some(_running) => shoot(source, &make, &moment),
-            None => Shot { source, gain_db: None, frame: Err(CameraError::Unavailable(HANGS.to_owned())) },
+            None => Shot { source, gain_db: None, image: Err(CameraError::Unavailable(HANGS.to_owned())) },
         });
         let Some(shot) = self.stop.run_until_cancelled(job).await else { return Ok(None) };
-        let Shot { source, gain_db, frame } = shot.map_err(|error| Ended(panic_message(error)))?;
+        let Shot { source, gain_db, image: taken } = shot.map_err(|error| Ended(panic_message(error)))?;
         if let Some(gain_db) = gain_db {
             self.hub.tell(ToHub::Gain { number: NOBODY, result: Ok(gain_db) }).await;
         }
-        match frame {
-            Ok(mut frame) => {
-                self.number(image, &state, &mut frame.stamp);
-                self.note_instrument(&state, &mut frame.stamp);
-                let frame = Arc::new(frame);
-                // Before anything is waited for: whatever becomes of this actor, the frame is where it is kept.
-                let lost = self.keep(&state, &frame);
+        match taken {
+            Ok(Taken { mut series, mut sum }) => {
+                let stamp = |stamp: &mut Stamp| {
+                    self.number(image, &state, stamp);
+                    self.note_instrument(&state, stamp);
+                };
+                series.stamp(stamp);
+                sum.iter_mut().for_each(|sum| stamp(&mut sum.stamp));
+                let exposures: Vec<Arc<Frame>> = series.into_exposures().into_iter().map(Arc::new).collect();
+                // Before anything is waited for: whatever becomes of this actor, the exposures are where they are kept.
+                let lost = self.keep(&state, &exposures);
+                let Some(frame) = sum.map(Arc::new).or_else(|| exposures.into_iter().next()) else { return Ok(source) };
                 self.count(&frame.stamp).await;
                 for disk in lost {
                     self.hub.tell(ToHub::Image(disk, ImageNews::Lost)).await;
@@ -182,11 +195,15 @@ impl CameraActor {
         Ok(source)
     }
 
-    /// Hands a frame to those who keep it; says where there is no room for it, or no time. It is solved all the same.
-    fn keep(&self, state: &State, frame: &Arc<Frame>) -> Vec<Disk> {
+    /// Hands exposures to those who keep them; says where there is no room for one, or no time. They are solved all the same.
+    fn keep(&self, state: &State, exposures: &[Arc<Frame>]) -> Vec<Disk> {
         let shed = state.strain.shed() >= Shed::Images;
-        let lost = |archive: &archive::Handle| shed || archive.try_send(ToArchive::Frame(Arc::clone(frame))).is_err();
-        self.archives.iter().filter(|(_, archive)| lost(archive)).map(|(disk, _)| *disk).collect()
+        let lost = |archive: &archive::Handle, exposure: &Arc<Frame>| {
+            shed || archive.try_send(ToArchive::Frame(Arc::clone(exposure))).is_err()
+        };
+        let pairs =
+            exposures.iter().flat_map(|exposure| self.archives.iter().map(move |(disk, archive)| (disk, archive, exposure)));
+        pairs.filter(|(_, archive, exposure)| lost(archive, exposure)).map(|(disk, ..)| *disk).collect()
     }
 
     /// Stamps a frame with the gain, and with where the lens stood for all of it; nothing where that is not known, or it moved.
@@ -230,7 +247,7 @@ impl CameraActor {
     }
 }
 
-/// One frame, on the blocking pool. A source that panics over an image has lost that image and is asked for the next one.
+/// One image, on the blocking pool. A source that panics over an image has lost that image and is asked for the next one.
 fn shoot(source: Option<Box<dyn Source>>, make: &MakeSource, moment: &Moment) -> Shot {
     let (made, is_new) = match source {
         Some(source) => (Ok(source), false),
@@ -238,12 +255,13 @@ fn shoot(source: Option<Box<dyn Source>>, make: &MakeSource, moment: &Moment) ->
     };
     let mut source = match made {
         Ok(source) => source,
-        Err(why) => return Shot { source: None, gain_db: None, frame: Err(CameraError::Unavailable(why)) },
+        Err(why) => return Shot { source: None, gain_db: None, image: Err(CameraError::Unavailable(why)) },
     };
     let gain_db = if is_new { source.gain().ok() } else { None };
-    let frame = catch_unwind(AssertUnwindSafe(|| source.next(moment))).unwrap_or_else(|panic| {
+    let series = catch_unwind(AssertUnwindSafe(|| source.next(moment))).unwrap_or_else(|panic| {
         let problem = format!("the camera panicked: {}", panic_text(panic.as_ref()));
         Err(CameraError::Unreadable { origin: format!("image {}", moment.image.0), problem })
     });
-    Shot { source: Some(source), gain_db, frame }
+    let image = series.map(|series| Taken { sum: series.sum(), series });
+    Shot { source: Some(source), gain_db, image }
 }

@@ -46,7 +46,7 @@ pub type MakeSolver = Arc<dyn Fn() -> Result<Box<dyn Solve>, String> + Send + Sy
 /// A frame on its way to the solver.
 #[derive(Debug, Clone)]
 pub struct Captured {
-    /// The frame.
+    /// The frame: the sum of its exposures.
     pub frame: Arc<Frame>,
     /// When it was captured.
     pub at: Instant,

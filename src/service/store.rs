@@ -3,7 +3,7 @@
 //! Blocking: the archive calls it on the blocking pool.
 
 use super::file::free_bytes;
-use crate::image::{Frame, ImageCounter, Keyword, Shelf, Stamp, write_fits};
+use crate::image::{Frame, ImageCounter, Keyword, Shelf, Stamp, series_stem, write_fits};
 use crate::sky::{ClockQuality, Utc};
 use crate::solve::{Outcome, keywords};
 use std::fs::{self, File};
@@ -157,11 +157,13 @@ fn put(unfinished: &Path, path: &Path, directory: &Path, bytes: &[u8]) -> io::Re
     File::open(directory)?.sync_all()
 }
 
-/// A day's directory and the name in it: the middle of the exposure to the millisecond, the number of the start and that of the image.
+/// A day's directory and the name in it: the middle of the exposure to the millisecond, the number of the start, that of the image, and the place of an exposure
+/// in its series.
 fn name(stamp: &Stamp, boot_id: u32) -> PathBuf {
     let time = stamp.captured.filter(|(_, quality)| *quality != ClockQuality::Unset).map(|(utc, _)| utc);
     let (day, time) = time.map_or_else(|| ("unset".to_owned(), "unset".to_owned()), |utc| (day_of(utc), moment_of(utc)));
-    Path::new(&day).join(format!("{time}-{boot_id:08x}-{:08}.fits", stamp.image.0))
+    let part = stamp.part.map_or_else(String::new, |part| format!("_p{part}"));
+    Path::new(&day).join(format!("{time}-{boot_id:08x}-{:08}{part}.fits", stamp.image.0))
 }
 
 fn day_of(utc: Utc) -> String {
@@ -177,7 +179,8 @@ fn moment_of(utc: Utc) -> String {
 
 /// The number of an image that we named; `None` for any other file.
 fn number_in(name: &str) -> Option<ImageCounter> {
-    let (rest, number) = name.strip_suffix(".fits")?.rsplit_once('-')?;
+    let stem = series_stem(name).map_or_else(|| name.strip_suffix(".fits"), |(stem, _)| name.ends_with(".fits").then_some(stem));
+    let (rest, number) = stem?.rsplit_once('-')?;
     let (_, boot) = rest.rsplit_once('-')?;
     let ours = boot.len() == 8 && boot.bytes().all(|letter| letter.is_ascii_hexdigit()) && number.len() >= 8;
     number.parse().ok().filter(|_| ours).map(ImageCounter)

@@ -3,7 +3,7 @@
 use super::account::{Account, Truth};
 use super::schedule::Class;
 use crate::camera::{CameraError, Moment, SimulatedSky, Source};
-use crate::image::{Frame, ImageCounter};
+use crate::image::{Frame, ImageCounter, Series};
 use crate::service::{MakeSolver, MakeSource, SimulatedLens, Solve, Stars, simulated_sky};
 use crate::settings::Settings;
 use crate::solve::{Outcome, Prior, Report, Watch};
@@ -119,7 +119,7 @@ pub fn camera(
         account: Account,
     }
     impl Source for Camera {
-        fn next(&mut self, moment: &Moment) -> Result<Frame, CameraError> {
+        fn next(&mut self, moment: &Moment) -> Result<Series, CameraError> {
             let ImageCounter(image) = moment.image;
             if self.faults.lasts(Class::CameraGone) {
                 return Err(CameraError::Unavailable("soak: it is gone".to_owned()));
@@ -133,10 +133,10 @@ pub fn camera(
                 break_off("soak: the driver breaks");
             }
             let sky = if self.faults.lasts(Class::FalseSky) { &mut self.false_sky } else { &mut self.sky };
-            let frame = sky.next(moment)?;
+            let series = sky.next(moment)?;
             let attitude = sky.truth().and_then(|truth| truth.attitude);
             self.account.truth(image, Truth { begun: moment.uptime, attitude });
-            Ok(frame)
+            Ok(series)
         }
     }
     let (settings, stars, lens, faults, account) =

@@ -2,7 +2,7 @@
 
 use futures_util::{SinkExt, StreamExt};
 use stars::camera::{CameraError, Moment, Source};
-use stars::image::{Frame, Stamp};
+use stars::image::{Frame, Series, Stamp};
 use stars::service::{Codec, LinkError, MakeSolver, MakeSource, Parts, Running, Solve, start_with};
 use stars::settings::{LensKind, Settings};
 use stars::sky::RowOrder;
@@ -39,8 +39,8 @@ pub fn settings() -> Settings {
 pub fn camera(next: impl Fn(&Moment) -> Result<Frame, CameraError> + Send + Sync + 'static) -> Option<MakeSource> {
     struct Camera<F>(Arc<F>);
     impl<F: Fn(&Moment) -> Result<Frame, CameraError> + Send + Sync> Source for Camera<F> {
-        fn next(&mut self, moment: &Moment) -> Result<Frame, CameraError> {
-            (self.0)(moment)
+        fn next(&mut self, moment: &Moment) -> Result<Series, CameraError> {
+            (self.0)(moment).map(Series::from)
         }
     }
     let next = Arc::new(next);

@@ -22,6 +22,7 @@ pub(super) fn from_header(header: &Header) -> Stamp {
         captured: captured(header, exposure_s),
         exposure_s,
         exposures: integer(&["NEXP"]).and_then(|n| u8::try_from(n).ok()).unwrap_or(1).max(1),
+        part: integer(&["EXPNO"]).and_then(|n| u8::try_from(n).ok()),
         // Other programs' GAIN is a setting of their camera without a unit.
         gain_db: known(&["GAIN"]).filter(|card| card.comment.to_ascii_uppercase().contains("DB")).and_then(|card| card.number()),
         focus_counts: integer(&["FOCUS"]).and_then(|n| i32::try_from(n).ok()),
@@ -53,6 +54,9 @@ pub(super) fn to_cards(stamp: &Stamp, cards: &mut Cards) {
         cards.real("EXPTIME", exposure, "[s] one exposure");
     }
     cards.integer("NEXP", stamp.exposures.max(1), "exposures added up");
+    if let Some(part) = stamp.part {
+        cards.integer("EXPNO", part, "its place among the exposures of its series");
+    }
     if let Some(gain) = stamp.gain_db {
         cards.real("GAIN", gain, "[dB] gain of the camera");
     }
