@@ -201,8 +201,7 @@ impl CameraActor {
         let lost = |archive: &archive::Handle, exposure: &Arc<Frame>| {
             shed || archive.try_send(ToArchive::Frame(Arc::clone(exposure))).is_err()
         };
-        let pairs =
-            exposures.iter().flat_map(|exposure| self.archives.iter().map(move |(disk, archive)| (disk, archive, exposure)));
+        let pairs = exposures.iter().flat_map(|exposure| self.archives.iter().map(move |(disk, archive)| (disk, archive, exposure)));
         pairs.filter(|(_, archive, exposure)| lost(archive, exposure)).map(|(disk, ..)| *disk).collect()
     }
 
