@@ -354,7 +354,8 @@ fn stamps() -> impl Strategy<Value = Stamp> {
     let exposure = (proptest::option::of(0.0..1e6_f64), 1..=u8::MAX, proptest::option::of(any::<u8>()));
     let lens = (proptest::option::of(-100.0..100.0_f64), proptest::option::of(any::<i32>()), proptest::option::of(any::<i32>()));
     let observer = proptest::option::of((-90.0..90.0_f64, 0.0..24.0_f64));
-    (counters, time, exposure, lens, observer).prop_map(|(counters, time, exposure, lens, observer)| Stamp {
+    let lost = (any::<u32>(), any::<u32>());
+    (counters, time, exposure, lens, observer, lost).prop_map(|(counters, time, exposure, lens, observer, lost)| Stamp {
         image: ImageCounter(counters.0),
         trigger: counters.1.map(TriggerCounter),
         origin: counters.2,
@@ -367,6 +368,8 @@ fn stamps() -> impl Strategy<Value = Stamp> {
         aperture_counts: lens.2,
         observer: observer.map(|(lat, lst)| Observer { latitude: lat * DEG, sidereal_time: lst * HOUR }),
         simulated: counters.3,
+        missing_packets: lost.0,
+        missed_frames: lost.1,
     })
 }
 
@@ -497,6 +500,8 @@ fn frames_are_written_for_fitsverify() {
         aperture_counts: Some(6),
         observer: Some(Observer { latitude: -77.4288695 * DEG, sidereal_time: 8.01361111111111 * HOUR }),
         simulated: true,
+        missing_packets: u32::MAX,
+        missed_frames: 1,
     };
     for (name, frame) in [("bare.fits", bare), ("full.fits", full)] {
         let mut file = Vec::new();

@@ -155,6 +155,8 @@ class Solution(Record):
     # How far that time can be believed: unset, free_running or synchronised.
     clock: str | None = None
     simulated: bool | None = None
+    missing_packets: int | None = None
+    missed_frames: int | None = None
     # Whether there is a pointing.
     solved: bool
     # How the image ended: solved, no_match, …

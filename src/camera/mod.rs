@@ -1,12 +1,16 @@
 //! The camera room: where frames come from, behind one trait, [`Source`].
 //!
-//! A directory of image files ([`Directory`]) and a simulated sky ([`SimulatedSky`]). A source is blocking and knows no
-//! schedule: the camera's actor asks it for each frame. Uses the rooms before it and the disk; no clock, no runtime: the
+//! A directory of image files ([`Directory`]), a simulated sky ([`SimulatedSky`]), and real cameras through Aravis where the program
+//! is built with them (`AravisCamera`). A source is blocking and knows no schedule: the camera's actor asks it for each frame. Uses the rooms before it and the disk; no clock, no runtime: the
 //! time comes in with each [`Moment`].
 
+#[cfg(feature = "aravis")]
+mod aravis;
 mod directory;
 mod sky;
 
+#[cfg(feature = "aravis")]
+pub use aravis::AravisCamera;
 pub use directory::Directory;
 pub use sky::{Gondola, SimulatedSky};
 
@@ -53,6 +57,11 @@ pub trait Source: Send {
     fn set_gain(&mut self, gain_db: f64) -> Result<(), CameraError> {
         let _ = gain_db;
         Err(CameraError::NoGain)
+    }
+
+    /// The camera's own temperature, °C, where it is open and offers one.
+    fn temperature(&mut self) -> Option<f64> {
+        None
     }
 }
 

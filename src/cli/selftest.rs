@@ -5,9 +5,9 @@ use super::{ConfigArgs, NEGATIVE, print};
 use crate::camera::{Directory, Moment, Source};
 use crate::catalog::Catalogue;
 use crate::command::FlightComputer;
-use crate::image::ImageCounter;
+use crate::image::{ImageCounter, Series};
 use crate::service::{Clock, Keys, SensorError, Stars, is_simulated, load_bad_pixels, prepare, read_once, utc_now};
-use crate::settings::{CameraKind, LensKind, NO_ARAVIS, Settings};
+use crate::settings::{CameraKind, LensKind, Settings};
 use crate::simulate::Judged;
 use crate::simulate::sky::{Kind, RenderSpec, Rendered, render};
 use crate::sky::{ARCSEC, ClockQuality};
@@ -184,21 +184,30 @@ fn camera(settings: &Settings) -> Verdict {
     let moment = Moment { image: ImageCounter(0), uptime: Duration::ZERO, utc: None, quality: ClockQuality::Unset };
     match settings.camera.kind {
         CameraKind::None => Verdict::Bad("camera.kind = \"none\": no image will ever be taken".to_owned()),
-        CameraKind::Aravis => Verdict::Bad(format!("camera.kind {NO_ARAVIS}")),
+        #[cfg(not(feature = "aravis"))]
+        CameraKind::Aravis => Verdict::Bad(format!("camera.kind {}", crate::settings::NO_ARAVIS)),
+        #[cfg(feature = "aravis")]
+        CameraKind::Aravis => match crate::camera::AravisCamera::new(&settings.camera).next(&moment) {
+            Err(error) => Verdict::Bad(format!("camera.device = \"{}\": {error}", settings.camera.device)),
+            Ok(series) => size(settings, &series),
+        },
         CameraKind::Sky => Verdict::Good("a simulated sky".to_owned()),
         CameraKind::Directory => match Directory::new(&settings.camera).next(&moment) {
             Err(error) => Verdict::Bad(format!("camera.directory = \"{}\": {error}", settings.camera.directory)),
-            Ok(series) => {
-                let Some(frame) = series.exposures().first() else { return Verdict::Bad("no exposure".to_owned()) };
-                let (width, height) = (settings.camera.width_px as usize, settings.camera.height_px as usize);
-                let text = format!("{}: {} × {} px", frame.stamp.origin, frame.width, frame.height);
-                if (frame.width, frame.height) == (width, height) {
-                    Verdict::Good(text)
-                } else {
-                    Verdict::Bad(format!("{text}, camera.width_px and camera.height_px say {width} × {height}"))
-                }
-            }
+            Ok(series) => size(settings, &series),
         },
+    }
+}
+
+/// Whether exposures have the size that the settings say.
+fn size(settings: &Settings, series: &Series) -> Verdict {
+    let Some(frame) = series.exposures().first() else { return Verdict::Bad("no exposure".to_owned()) };
+    let (width, height) = (settings.camera.width_px as usize, settings.camera.height_px as usize);
+    let text = format!("{}: {} × {} px", frame.stamp.origin, frame.width, frame.height);
+    if (frame.width, frame.height) == (width, height) {
+        Verdict::Good(text)
+    } else {
+        Verdict::Bad(format!("{text}, camera.width_px and camera.height_px say {width} × {height}"))
     }
 }
 

@@ -25,7 +25,7 @@ pub enum CoaddError {
 /// lost would bend a centroid unseen: so the full scale of the parts should be set beforehand where the camera's is known
 /// (where it is not, only the end of 16 bits counts as saturated). The sum's full scale is the sum of the parts'. A sum
 /// that 16 bits may not hold (cameras of 15 and 16 bits) is divided by the least whole number that makes it fit.
-/// The stamp is that of the first, with the exposures counted.
+/// The stamp is that of the first, with the exposures and all that was lost counted.
 ///
 /// # Errors
 /// No part, too many, or parts of different layouts.
@@ -57,6 +57,8 @@ pub fn coadd(parts: &[Frame]) -> Result<Frame, CoaddError> {
     stamp.part = None;
     stamp.exposures = parts.iter().fold(0, |n: u8, part| n.saturating_add(part.stamp.exposures.max(1)));
     stamp.simulated = parts.iter().any(|part| part.stamp.simulated);
+    stamp.missing_packets = parts.iter().fold(0, |n: u32, part| n.saturating_add(part.stamp.missing_packets));
+    stamp.missed_frames = parts.iter().fold(0, |n: u32, part| n.saturating_add(part.stamp.missed_frames));
     Ok(Frame { pixels: sum.into_iter().map(scaled).collect(), full_scale: full_scale.map(|_| top), stamp, ..*first })
 }
 

@@ -37,6 +37,10 @@ pub struct Stamp {
     pub observer: Option<Observer>,
     /// Rendered, or taken by a simulated camera or lens.
     pub simulated: bool,
+    /// Packets of it that never came, as the camera's driver counts them: where they belong its pixels are 0. 0: it is whole.
+    pub missing_packets: u32,
+    /// Frames that the camera took since the last one, and that never came.
+    pub missed_frames: u32,
 }
 
 /// One image: 16-bit pixels in file order, and its stamp.

@@ -6,6 +6,8 @@ use super::file::{FileError, read_file};
 use super::index::prepare;
 use super::lens::SimulatedLens;
 use super::solver::{MakeSolver, Solve};
+#[cfg(feature = "aravis")]
+use crate::camera::AravisCamera;
 use crate::camera::{Directory, SimulatedSky, Source};
 use crate::catalog::{Catalogue, MAX_FILE_BYTES};
 use crate::image::{BadPixels, BadPixelsError, Frame};
@@ -29,7 +31,7 @@ pub struct Parts {
 /// Why the settings' parts cannot be had.
 #[derive(Debug, thiserror::Error)]
 pub enum PartsError {
-    /// A camera that cannot be driven.
+    /// A real camera, for a program that was built without.
     #[error("camera.kind {NO_ARAVIS}")]
     NoDriver,
     /// Not a list of faults.
@@ -61,6 +63,12 @@ impl Parts {
         let lens = simulated_lens(settings)?;
         let camera = match settings.camera.kind {
             CameraKind::None => None,
+            #[cfg(feature = "aravis")]
+            CameraKind::Aravis => {
+                let settings = Arc::clone(settings);
+                Some(source(move || Ok(AravisCamera::new(&settings.camera))))
+            }
+            #[cfg(not(feature = "aravis"))]
             CameraKind::Aravis => return Err(PartsError::NoDriver),
             CameraKind::Directory => {
                 let settings = Arc::clone(settings);

@@ -5,7 +5,8 @@ use super::schema::{CameraKind, LensKind, Settings};
 use super::sensor::SensorSource;
 
 /// Why `camera.kind = "aravis"` gives no camera, to follow the setting.
-pub const NO_ARAVIS: &str = "is \"aravis\", for which this version has no driver: expected \"directory\", \"sky\" or \"none\"";
+pub const NO_ARAVIS: &str =
+    "is \"aravis\", which this program was built without: build it with --features aravis (Debian: libaravis-dev)";
 
 /// One thing that keeps these settings from flying.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -48,8 +49,8 @@ fn real_hardware(settings: &Settings) -> Vec<Finding> {
     match settings.camera.kind {
         CameraKind::Sky => find("camera.kind", "is \"sky\", a simulation: set the flight's own camera"),
         CameraKind::None => find("camera.kind", "is \"none\": set the flight's own camera"),
-        CameraKind::Aravis => find("camera.kind", NO_ARAVIS),
-        CameraKind::Directory => (),
+        CameraKind::Aravis if !cfg!(feature = "aravis") => find("camera.kind", NO_ARAVIS),
+        CameraKind::Aravis | CameraKind::Directory => (),
     }
     match settings.lens.kind {
         LensKind::Simulated => find("lens.kind", "is \"simulated\": set the flight's own lens"),

@@ -58,6 +58,8 @@ const U32_MAX: i64 = u32::MAX as i64;
 /// Longest path, bytes (Linux's own limit).
 const PATH_BYTES: usize = 4096;
 const CAMERAS: &[&str] = &["directory", "sky", "aravis", "none"];
+const TRIGGERS: &[&str] = &["software", "free", "line0", "line1", "line2", "line3"];
+const PIXEL_FORMATS: &[&str] = &["mono8", "mono10", "mono12", "mono14", "mono16"];
 const LENSES: &[&str] = &["serial", "simulated", "none"];
 const FRAMES: &[&str] = &[
     "night",
@@ -92,6 +94,12 @@ pub(super) const RULES: &[Rule] = &[
     word("camera.name", Kind::Name { max: 16 }),
     word("camera.kind", Kind::Choice(CAMERAS)),
     word("camera.directory", Kind::Path),
+    word("camera.device", Kind::OptionalText { max: 256 }),
+    word("camera.trigger", Kind::Choice(TRIGGERS)),
+    number("camera.exposure_s", "s", 1e-5, 5.0),
+    number("camera.gain_db", "dB", -50.0, 100.0),
+    word("camera.pixel_format", Kind::Choice(PIXEL_FORMATS)),
+    word("camera.features", Kind::OptionalText { max: 4096 }),
     switch("camera.stack_parts"),
     switch("camera.repeat"),
     number("camera.startup_delay_s", "s", 0.0, 3600.0),

@@ -50,10 +50,85 @@ pub enum CameraKind {
     Directory,
     /// A sky rendered from the catalogue.
     Sky,
-    /// A GigE Vision or USB3 Vision camera. Known by name, so that settings written for it read; there is no driver yet.
+    /// A GigE Vision or USB3 Vision camera. Known by name in every program, so that settings written for it read.
     Aravis,
     /// No camera: the service runs and says so.
     None,
+}
+
+/// What makes a real camera expose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[allow(missing_docs, reason = "the lines have the camera's own names")]
+pub enum Trigger {
+    /// A command of ours for each frame.
+    Software,
+    /// Nothing: it exposes at a rate of its own.
+    Free,
+    Line0,
+    Line1,
+    Line2,
+    Line3,
+}
+
+impl Trigger {
+    /// Its name in the standard of cameras (GenICam); none where there is no trigger.
+    pub fn genicam(self) -> Option<&'static str> {
+        match self {
+            Self::Software => Some("Software"),
+            Self::Free => None,
+            Self::Line0 => Some("Line0"),
+            Self::Line1 => Some("Line1"),
+            Self::Line2 => Some("Line2"),
+            Self::Line3 => Some("Line3"),
+        }
+    }
+
+    /// Whether others trigger, on a line of the camera's.
+    pub fn is_line(self) -> bool {
+        !matches!(self, Self::Software | Self::Free)
+    }
+}
+
+/// What a real camera sends for a pixel: so many bits, in a byte or in two.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[allow(missing_docs, reason = "the names are the meaning")]
+pub enum PixelFormat {
+    Mono8,
+    Mono10,
+    Mono12,
+    Mono14,
+    Mono16,
+}
+
+impl PixelFormat {
+    /// Its name in the standard of cameras (GenICam).
+    pub fn genicam(self) -> &'static str {
+        match self {
+            Self::Mono8 => "Mono8",
+            Self::Mono10 => "Mono10",
+            Self::Mono12 => "Mono12",
+            Self::Mono14 => "Mono14",
+            Self::Mono16 => "Mono16",
+        }
+    }
+
+    /// Bytes of a pixel.
+    pub fn bytes(self) -> usize {
+        if self == Self::Mono8 { 1 } else { 2 }
+    }
+
+    /// Highest value of a pixel, ADU.
+    pub fn full_scale_adu(self) -> u16 {
+        match self {
+            Self::Mono8 => 0xff,
+            Self::Mono10 => 0x3ff,
+            Self::Mono12 => 0xfff,
+            Self::Mono14 => 0x3fff,
+            Self::Mono16 => 0xffff,
+        }
+    }
 }
 
 /// Section `[camera]`.
@@ -66,6 +141,18 @@ pub struct CameraSettings {
     pub kind: CameraKind,
     /// Directory of images for `kind = "directory"`.
     pub directory: String,
+    /// Which camera `kind = "aravis"` is: its identifier or address; the first where empty.
+    pub device: String,
+    /// What makes it expose.
+    pub trigger: Trigger,
+    /// Exposure time of it, s.
+    pub exposure_s: f64,
+    /// Gain that it has at the start, dB.
+    pub gain_db: f64,
+    /// What it sends for a pixel.
+    pub pixel_format: PixelFormat,
+    /// More of its features, `Name=value` one after the other.
+    pub features: String,
     /// Images `<stem>_p0…_p3` of one series are co-added.
     pub stack_parts: bool,
     /// Start again with the first image after the last.

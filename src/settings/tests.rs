@@ -355,7 +355,7 @@ fn the_review_sees_through_every_way_to_write_loopback_or_none() {
         ("network.listen=[fd00::2]:2017", true),
         ("legacy.enabled=true", false),
         ("camera.kind=none", false),
-        ("camera.kind=aravis", false),
+        ("camera.kind=aravis", cfg!(feature = "aravis")),
         ("lens.kind=none", false),
         ("housekeeping.pressure.source=simulated", false),
         ("housekeeping.pressure.source=auto", true),

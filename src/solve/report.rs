@@ -24,6 +24,10 @@ pub struct Report {
     pub clock: Option<ClockQuality>,
     /// Rendered, or taken while camera or lens are simulated.
     pub simulated: bool,
+    /// Packets of the image that never came: where they belong its pixels are 0.
+    pub missing_packets: u32,
+    /// Images that the camera took before this one, and that never came.
+    pub missed_frames: u32,
     /// Whether there is a pointing.
     pub solved: bool,
     /// How the frame ended.
@@ -269,6 +273,8 @@ impl Report {
             captured_utc: stamp.captured.map(|(utc, _)| utc.to_string()),
             clock: stamp.captured.map(|(_, quality)| quality),
             simulated: stamp.simulated,
+            missing_packets: stamp.missing_packets,
+            missed_frames: stamp.missed_frames,
             solved: outcome.reason == Reason::Solved && solution.is_some(),
             reason: outcome.reason,
             cause: outcome.cause,

@@ -29,6 +29,8 @@ pub(super) fn from_header(header: &Header) -> Stamp {
         aperture_counts: integer(&["APERTURE"]).and_then(|n| i32::try_from(n).ok()),
         observer: observer(known(&["APPROX_LAT", "APRX_LAT", "LAT"]), known(&["APPROX_LST", "APRX_LST", "LST"])),
         simulated: header.card("SIMULATE").is_some_and(|card| card.value == "T"),
+        missing_packets: integer(&["PKTLOST"]).and_then(|n| u32::try_from(n).ok()).unwrap_or(0),
+        missed_frames: integer(&["IMGLOST"]).and_then(|n| u32::try_from(n).ok()).unwrap_or(0),
     }
 }
 
@@ -69,6 +71,12 @@ pub(super) fn to_cards(stamp: &Stamp, cards: &mut Cards) {
         cards.real("LST", observer.sidereal_time / HOUR, "[h] local sidereal time");
     }
     cards.logical("SIMULATE", stamp.simulated, "taken by a simulated camera or lens");
+    if stamp.missing_packets > 0 {
+        cards.integer("PKTLOST", stamp.missing_packets, "packets that never came: pixels of 0");
+    }
+    if stamp.missed_frames > 0 {
+        cards.integer("IMGLOST", stamp.missed_frames, "images before it that never came");
+    }
 }
 
 /// Neither marked as unknown nor a bare −1.

@@ -201,7 +201,7 @@ impl Control {
         let tolerance = self.rules.tolerance;
         let is_between = |at: FocusCounts, (a, b): (FocusCounts, FocusCounts)| {
             (i64::from(a.0.min(b.0)) - i64::from(tolerance)..=i64::from(a.0.max(b.0)) + i64::from(tolerance))
-                .contains(&at.0.into())
+                .contains(&i64::from(at.0))
         };
         if let Some(was) = self.span.replace(furthest).filter(|was| !self.same(*was, furthest)) {
             // The lens is as long as it was: counts were lost between its stops.
