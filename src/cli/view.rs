@@ -9,7 +9,7 @@ use crate::solve::{Prior, Solver, Unwatched};
 use ::image::codecs::png::PngEncoder;
 use ::image::{ExtendedColorType, ImageEncoder};
 use anyhow::Context;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -100,16 +100,15 @@ impl Args {
                     rounds += 1;
                 }
                 let mut state = state(&assembly);
-                state["sent_packets"] = link.packets.into();
-                state["sent_bytes"] = link.bytes.into();
-                state
+                state.insert("sent_packets".into(), link.packets.into());
+                state.insert("sent_bytes".into(), link.bytes.into());
+                Value::Object(state)
             };
             let first = view.first_packets() as u32;
             answer
                 .insert("first_2_kb".into(), until(&|assembly| assembly.missing(1).first().is_none_or(|gap| gap.start >= first)));
-            let end = until(&Assembly::is_exact);
-            answer.insert("exact".into(), end["exact"].clone());
-            answer.insert("end".into(), end);
+            answer.insert("end".into(), until(&Assembly::is_exact));
+            answer.insert("exact".into(), assembly.is_exact().into());
         }
         Ok(answer)
     }
@@ -143,34 +142,32 @@ impl Args {
             write_picture(out, &picture)?;
         }
         let mut state = state(&assembly);
-        state["refused"] = refused.len().into();
-        state["first_refusals"] = refused.into_iter().take(LISTED_GAPS).collect();
-        Ok(state)
+        state.insert("refused".into(), refused.len().into());
+        state.insert("first_refusals".into(), refused.into_iter().take(LISTED_GAPS).collect());
+        Ok(Value::Object(state))
     }
 }
 
 /// What a receiver has.
-fn state(assembly: &Assembly) -> Value {
+fn state(assembly: &Assembly) -> Map<String, Value> {
     let (come, of) = assembly.progress();
     let gaps: Vec<[u32; 2]> = assembly.missing(LISTED_GAPS).iter().map(|gap| [gap.start, gap.end - 1]).collect();
-    let thumbnail = assembly.thumbnail().map(|thumbnail| [thumbnail.width, thumbnail.height]);
-    let mut state = json!({
-        "packets_come": come,
-        "packets": of,
-        "missing": gaps,
-        "exact": assembly.is_exact(),
-        "sources": assembly.sources(),
-        "thumbnail_px": thumbnail,
-    });
-    if let Some(head) = assembly.head() {
-        state["size_px"] = json!([head.width, head.height]);
-        state["image_counter"] = head.stamp.image.0.into();
-        state["utc"] = head.stamp.captured.map(|(utc, _)| utc.to_string()).into();
-        state["exposure_s"] = head.stamp.exposure_s.into();
-        state["levels_adu"] = json!([head.level.low, head.level.high]);
-        state["simulated"] = head.stamp.simulated.into();
-    }
-    state
+    let head = assembly.head();
+    let entries = [
+        ("packets_come", json!(come)),
+        ("packets", json!(of)),
+        ("missing", json!(gaps)),
+        ("exact", json!(assembly.is_exact())),
+        ("size_px", json!(head.map(|head| [head.width, head.height]))),
+        ("thumbnail_px", json!(assembly.thumbnail().map(|thumbnail| [thumbnail.width, thumbnail.height]))),
+        ("image_counter", json!(head.map(|head| head.stamp.image))),
+        ("utc", json!(head.and_then(|head| head.stamp.captured).map(|(utc, _)| utc.to_string()))),
+        ("exposure_s", json!(head.and_then(|head| head.stamp.exposure_s))),
+        ("levels_adu", json!(head.map(|head| [head.level.low, head.level.high]))),
+        ("simulated", json!(head.map(|head| head.stamp.simulated))),
+        ("sources", json!(assembly.sources())),
+    ];
+    entries.map(|(key, value)| (key.to_owned(), value)).into_iter().collect()
 }
 
 /// Every value as FITS, or levelled to eight bits as PNG.

@@ -99,7 +99,7 @@ impl Model {
 /// Moves a probability towards a bit that came.
 fn follow(p: &mut u16, bit: bool) {
     if bit {
-        *p += ((1 << 16) - u32::from(*p) >> RATE) as u16;
+        *p += (((1 << 16) - u32::from(*p)) >> RATE) as u16;
     } else {
         *p -= *p >> RATE;
     }
