@@ -165,8 +165,8 @@ fn main() {
             again.is_exact()
         });
         println!(
-            "frame {index} exact {} sources {got}/{brightest} true_stars {got_true}/{} solved {solved} picture {}x{} first_after_bytes {first_bytes} \
-             bytes {} sent_bytes {} rice {} png {} encode_ms {encode_ms:.1} decode_ms {decode_ms:.1}",
+            "frame {index} exact {} sources {got}/{brightest} true_stars {got_true}/{} solved {solved} picture {}x{} \
+             first_after_bytes {first_bytes} bytes {} sent_bytes {} rice {} png {} encode_ms {encode_ms:.1} decode_ms {decode_ms:.1}",
             if exact { "yes" } else { "NO" },
             true_stars.len(),
             thumbnail.width,

@@ -3,9 +3,9 @@
 
     view.py PACKETS [--picture OUT.png|OUT.fits] [--thumbnail OUT.png]
 
-PACKETS has the packets one after the other, in any order, with anything between them. Prints what they say as JSON. A PNG is levelled to 8 bits,
-with its top row first; a FITS file has every value, its bottom row first. A whole frame of 1.5 megapixels takes some half a minute. Exits 0
-if the picture is exact, 1 if packets are missing, 2 if there is nothing to show.
+PACKETS has the packets one after the other, in any order, with anything between them. Prints what they say as JSON. A PNG is levelled
+to 8 bits, with its top row first; a FITS file has every value, its bottom row first. A whole frame of 1.5 megapixels takes some
+ten seconds. Exits 0 if the picture is exact, 1 if packets are missing, 2 if there is nothing to show.
 """
 
 import argparse
@@ -25,6 +25,8 @@ QUARTERS = (65536, 55109, 46341, 38968)
 LEVELS, BLOCK, REACH = 4, 16, 5
 CLASSES = 1 + 2 * LEVELS
 FIXED = struct.Struct("<BHHHIIIIqffiBHHHII10sBB")
+FIELDS = """part flags width height packets checksum image trigger utc exposure gain focus exposures full_scale low high base step
+            widths bits count""".split()
 
 
 def place(width, t):
@@ -121,8 +123,7 @@ def sound_packets(data):
 
 def read_head(payload):
     """The head as a dictionary."""
-    names = "part flags width height packets checksum image trigger utc exposure gain focus exposures full_scale low high base step widths bits count"
-    head = dict(zip(names.split(), FIXED.unpack_from(payload)))
+    head = dict(zip(FIELDS, FIXED.unpack_from(payload)))
     unit, flags = 1 << head["bits"], head["flags"]
     entries = struct.iter_unpack("<HHB", payload[FIXED.size :])
     head["sources"] = [{"x": x / unit, "y": y / unit, "flux": 2 ** (flux / 8)} for x, y, flux in entries]
@@ -287,8 +288,8 @@ def write_png(path, pixels, width, bottom_first, low, high):
 def write_fits(path, pixels, width, bottom_first):
     """Every value, as FITS keeps 16 bits without sign."""
     lines = rows(pixels, width, not bottom_first)
-    cards = [("SIMPLE", "T"), ("BITPIX", "16"), ("NAXIS", "2"), ("NAXIS1", width), ("NAXIS2", len(lines)), ("BZERO", "32768"), ("BSCALE", "1")]
-    header = "".join(f"{key:<8}= {value:>20}".ljust(80) for key, value in cards) + "END".ljust(80)
+    cards = {"SIMPLE": "T", "BITPIX": 16, "NAXIS": 2, "NAXIS1": width, "NAXIS2": len(lines), "BZERO": 32768, "BSCALE": 1}
+    header = "".join(f"{key:<8}= {value:>20}".ljust(80) for key, value in cards.items()) + "END".ljust(80)
     data = b"".join(struct.pack(f">{width}h", *(value - 32768 for value in line)) for line in lines)
     with open(path, "wb") as out:
         out.write(header.ljust(-(-len(header) // 2880) * 2880).encode() + data.ljust(-(-len(data) // 2880) * 2880, b"\0"))
@@ -322,7 +323,8 @@ def main():
     if head["quality"]:
         epoch = datetime.datetime(1970, 1, 1)
         known["utc"] = (epoch + datetime.timedelta(microseconds=head["utc"])).isoformat()
-    known |= {"come": len(assembly.payloads), "missing": ranges(assembly.missing), "other_streams": assembly.others, "exact": assembly.exact}
+    known |= {"come": len(assembly.payloads), "missing": ranges(assembly.missing), "other_streams": assembly.others}
+    known["exact"] = assembly.exact
     print(json.dumps(known, indent=1))
     if args.picture and args.picture.endswith(".fits"):
         write_fits(args.picture, assembly.pixels, head["width"], head["bottom_first"])

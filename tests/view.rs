@@ -12,8 +12,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use tempfile::TempDir;
 
-/// Packets of the small frame, one after the other. They are those of version 1 of the format: where they do not come out any more, give the
-/// new format a new version. `STARS_BLESS=1` writes them anew.
+/// Packets of the small frame, one after the other. They are those of version 1 of the format: where they do not come out any more, give
+/// the new format a new version. `STARS_BLESS=1` writes them anew.
 fn golden() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("proto/golden/view/small.packets")
 }

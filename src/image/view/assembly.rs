@@ -56,7 +56,7 @@ struct Open {
 }
 
 impl Assembly {
-    /// An assembly of the stream with this name ([`super::View::stream`]), or of whichever comes first, of a picture of at most so many pixels.
+    /// An assembly of the stream with this name ([`super::View::stream`]), or of whichever comes first; a picture of more pixels is refused.
     pub fn new(stream: Option<u32>, most_pixels: usize) -> Self {
         Self { stream, most_pixels, waiting: BTreeMap::new(), waiting_bytes: 0, open: None }
     }

@@ -53,8 +53,8 @@ impl Width {
         }
     }
 
-    /// How probable it is, among magnitudes from `low` and below `end`, that one is `middle` or more. Far out, where the normal distribution
-    /// does not hold because stars and defects do, one half.
+    /// How probable it is, among magnitudes from `low` and below `end`, that one is `middle` or more. Far out, where there are stars and
+    /// defects and no normal distribution, one half.
     fn upper(self, low: u64, middle: u64, end: Option<u64>) -> u16 {
         let beyond = end.map_or(0, |end| self.tail(end));
         let all = self.tail(low).saturating_sub(beyond);

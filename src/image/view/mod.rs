@@ -1,4 +1,5 @@
-//! The thin-link view: one frame as a stream of small packets for a link of some kbit/s, recognisable in its first 2 kB and exact at its end.
+//! The thin-link view: one frame as a stream of small packets for a link of some kbit/s, recognisable in its first 2 kB and exact at its
+//! end.
 //!
 //! [`View`] makes the packets. The first has the sources and what is known of the frame; those up to [`FIRST_BYTES`] a thumbnail; then
 //! come the blocks around the sources, exactly, the means of all other blocks, and their detail from coarse to fine. Each packet has its
