@@ -162,7 +162,7 @@ fn what_does_not_belong_is_refused_by_name() {
     let mut nonsense = Vec::new();
     Packet { number: 0, stream: view.stream(), payload: &[0; 80] }.write(&mut nonsense);
     assert_eq!(assembly.take(&nonsense), Err(ViewRefusal::Nonsense { number: 0 }));
-    assert_eq!(assembly.missing(4), [0..1]);
+    assert_eq!(assembly.missing(4).first(), Some(&(0..1)));
 }
 
 #[test]
