@@ -56,8 +56,22 @@ def sky(ra, dec, stars=16):
     return bytes([4, 20, 255, min(stars, len(drawn))]) + body
 
 
+def view():
+    """The golden packets in the pieces of the target, behind their lengths, without what it puts right itself."""
+    packed, at, pieces = (PROJECT / "proto/golden/view/small.packets").read_bytes(), 0, []
+    while at < len(packed):
+        (length,) = struct.unpack_from("<H", packed, at + 10)
+        pieces.append(packed[at + 12 : at + 12 + length])
+        at += 16 + length
+    whole = [bytes([1, number]) + struct.pack("<H", len(piece)) + piece for number, piece in enumerate(pieces)]
+    put("view", "whole", b"".join(whole))
+    put("view", "head", whole[0])
+    put("view", "late", b"".join(whole[1:4] + whole[:1] + whole[4:6]))
+
+
 def main():
     messages()
+    view()
     catalogue()
     put("index", "head", b"STARSIDX" + struct.pack("<I", 1))
     put("index", "altered", bytes([0xFF, 200, 1, 0, 0, 7, 100, 0, 0, 40, 255]))

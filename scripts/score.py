@@ -2,7 +2,7 @@
 """Scores the answers of `stars solve --json` against the truth. Standard library only.
 
     score.py flight|esa TRUTH.json ANSWERS.jsonl
-    score.py speed|refusal|lists|tracking|autofocus BENCH.txt
+    score.py speed|refusal|lists|tracking|autofocus|view|motion BENCH.txt
     score.py rendered|nostars|mirrored|causes|measured|peers|errors|scale DIRECTORY
 
 A DIRECTORY holds `*.truth.json`, as `stars render` writes them, and answers in `*.jsonl`; the image's name joins the two.
@@ -504,6 +504,39 @@ def score_threads(verdict, bench_file):
     verdict("kinds that need the robust search: 2", f"{len(robust)}", len(robust) == 2)
 
 
+def score_motion(verdict, bench_file):
+    """Trailed series, from what `cargo bench --bench motion` printed."""
+    lines = [line for line in Path(bench_file).read_text().splitlines() if line.startswith(("along", "plain", "wrong"))]
+    print("\n".join(lines))
+    tally = {line.split()[0]: [int(word.strip(",;")) for word in line.split() if word.strip(",;").isdigit()] for line in lines}
+    for name, share in (("along", 0.95), ("plain", 0.0)):
+        solved, series, wrong = tally.get(name, [0, 0, 0])[:3]
+        verdict(f"{name}: share of series solved, at least {share:.0%}", f"{solved} of {series}", series > 0 and solved >= share * series)
+        verdict(f"{name}: none wrong", f"{wrong} wrong", series > 0 and wrong == 0)
+
+
+def score_view(verdict, bench_file):
+    """Frames over a thin link, from what `cargo bench --bench view` printed."""
+    text = Path(bench_file).read_text()
+    print(text.strip())
+    rows = [line.split() for line in text.splitlines() if line.startswith("frame ")]
+    count = len(rows)
+    frames = [dict(zip(words[2::2], words[3::2])) for words in rows]
+    exact = sum(f["exact"] == "yes" for f in frames)
+    verdict("exact in the end: all", f"{exact} of {count}", exact == count > 0)
+    # Where the camera found fewer than 15, four of five of them.
+    having = sum(5 * int(f["sources"].split("/")[0]) >= 4 * int(f["sources"].split("/")[1]) > 0 for f in frames)
+    least = min((f["sources"] for f in frames), key=lambda got: int(got.split("/")[0]), default="none")
+    verdict("12 of the 15 brightest sources to 0.5 px from the first 2 kB: all", f"{having} of {count}, the fewest {least}", having == count > 0)
+    solved = sum(f["solved"] == "right" for f in frames)
+    verdict("solved from them: all", f"{solved} of {count}", solved == count > 0)
+    sizes = {f["picture"] for f in frames}
+    large = all(int(size.split("x")[0]) >= 96 and int(size.split("x")[1]) >= 64 for size in sizes)
+    verdict("a picture of 96x64 or more from them: all", ", ".join(sorted(sizes)), large and count > 0)
+    slowest = max((float(f["encode_ms"]) for f in frames), default=math.nan)
+    verdict("encoded in 150 ms", f"{slowest:.0f} ms at most", slowest <= 150)
+
+
 def score_lists(verdict, bench_file):
     """Lists of sources, from what `cargo bench --bench lists` printed."""
     text = Path(bench_file).read_text()
@@ -607,6 +640,10 @@ def main(arguments):
             score_refusal(verdict, bench)
         case ["lists", bench]:
             score_lists(verdict, bench)
+        case ["motion", bench]:
+            score_motion(verdict, bench)
+        case ["view", bench]:
+            score_view(verdict, bench)
         case ["threads", bench]:
             score_threads(verdict, bench)
         case ["tracking", bench]:

@@ -18,6 +18,7 @@ mod settings;
 mod soak;
 mod solve;
 mod text;
+mod view;
 
 pub use config::ConfigArgs;
 
@@ -45,6 +46,7 @@ enum Command {
     Settings(settings::Args),
     Soak(soak::Args),
     Solve(solve::Args),
+    View(view::Args),
 }
 
 impl Command {
@@ -59,6 +61,7 @@ impl Command {
             Self::Settings(args) => args.run(),
             Self::Soak(args) => args.run(),
             Self::Solve(args) => args.run(),
+            Self::View(args) => args.run(),
         }
     }
 }

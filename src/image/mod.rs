@@ -7,7 +7,7 @@
 //! * [`Shelf`] says which of the images that are kept go when there is no room for more;
 //! * [`BadPixels`] and [`Mask`] take away what cannot be believed;
 //! * [`CellStatistics`] say how bright, noisy and saturated an image is;
-//! * [`auto_level`] and [`to_grey8`] make an image visible.
+//! * [`auto_level`] and [`to_grey8`] make an image visible; [`view`] sends it over a thin link.
 
 mod bad_pixels;
 mod cell;
@@ -23,6 +23,7 @@ mod series;
 mod shelf;
 mod statistics;
 mod tiff;
+pub mod view;
 mod write;
 
 pub use bad_pixels::{BadPixels, BadPixelsError};

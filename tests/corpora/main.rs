@@ -30,6 +30,8 @@ mod settings;
 mod solve;
 #[path = "../../fuzz/checks/texts.rs"]
 mod texts;
+#[path = "../../fuzz/checks/view.rs"]
+mod view;
 #[path = "../../fuzz/checks/wire.rs"]
 mod wire;
 
@@ -64,5 +66,5 @@ macro_rules! corpora {
 mod every_kept_input_holds {
     use super::*;
 
-    corpora!(bad_pixels body catalogue image index kept legacy lens_reply settings solve texts wire);
+    corpora!(bad_pixels body catalogue image index kept legacy lens_reply settings solve texts view wire);
 }

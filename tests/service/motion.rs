@@ -75,7 +75,7 @@ async fn an_image_that_is_not_solved_waits_for_its_motion_and_not_for_ever() {
     let said = || Status { trigger_counter: Some(TRIGGER).into(), ..claim() };
     loop {
         computer.status(said()).await;
-        if computer.update().await.you_are_in_charge {
+        if computer.update().await.authority.you_are_in_charge {
             break;
         }
     }
