@@ -751,7 +751,7 @@ static void print_update(const stars_update_t *m)
         printf("null");
     else
     {
-        print_code(m->mode, (const char *const[]){"normal", "robust"});
+        print_code(m->mode, (const char *const[]){"normal", "robust", "motion"});
     }
     printf(", \"statistics_known\": ");
     {

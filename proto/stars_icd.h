@@ -27,7 +27,7 @@
 #define STARS_PORT 2017
 #define STARS_VERSION_MIN 1
 #define STARS_VERSION_CURRENT 2
-#define STARS_SCHEMA_HASH UINT32_C(0xc1f9b607)
+#define STARS_SCHEMA_HASH UINT32_C(0xee68e5ac)
 #define STARS_SYNC UINT32_C(0x1dfccf1a)
 #define STARS_MAX_FRAME 65536
 
@@ -138,6 +138,7 @@ enum {
 enum {
     STARS_MODE_NORMAL = 1,
     STARS_MODE_ROBUST = 2,
+    STARS_MODE_MOTION = 3,
 };
 
 /* Codes of `focus_doubt`; 0 is never valid. */
