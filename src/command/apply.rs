@@ -51,6 +51,7 @@ fn assignments(command: &Command) -> Vec<String> {
         Command::LimitCells { cell_px, max_per_cell } => {
             set("solver.sources", &[("cell_px", cell_px.to_string()), ("max_per_cell", max_per_cell.to_string())])
         }
+        Command::UseMotion { enabled } => set("solver.motion", &[("enabled", enabled.to_string())]),
         Command::MatchStars { enabled, tolerance_px, platescale_min_arcsec_px, platescale_max_arcsec_px } => set(
             "solver.matching",
             &[

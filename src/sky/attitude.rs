@@ -71,10 +71,15 @@ impl Attitude {
         self.axes.tr_mul(sky)
     }
 
-    /// The attitude turned by a small rotation vector given in the camera frame (left, up, boresight), rad.
+    /// The attitude turned by a rotation vector given in the camera frame (left, up, boresight), rad.
     pub fn turned(&self, rotation: &Vec3) -> Self {
-        let boresight = Vec3::z() + rotation.cross(&Vec3::z());
-        let up = Vec3::y() + rotation.cross(&Vec3::y());
+        // Rodrigues' formula; sines of a library, so that they are the same on any machine.
+        let angle = rotation.norm();
+        let half = libm::sin(0.5 * angle);
+        let (sine, cosine) =
+            if angle > 0.0 { (libm::sin(angle) / angle, 2.0 * (half / angle) * (half / angle)) } else { (1.0, 0.5) };
+        let turn = |v: Vec3| v + rotation.cross(&v) * sine + rotation.cross(&rotation.cross(&v)) * cosine;
+        let (boresight, up) = (turn(Vec3::z()), turn(Vec3::y()));
         Self::from_boresight_up(&self.to_sky(&boresight), &self.to_sky(&up)).unwrap_or(*self)
     }
 }

@@ -8,6 +8,7 @@
 mod abreast;
 mod along;
 mod cause;
+mod conclude;
 mod copies;
 mod diagnose;
 mod fit;

@@ -1,19 +1,15 @@
 //! The solver: one frame in, one outcome out.
 
-use super::copies::nearest_copy;
 use super::diagnose::Seen;
-use super::light::{LightFit, SEEN_PX, fit_by_light};
 use super::pattern::{PatternSearch, SearchEnd, SearchRules, SearchTally};
-use super::refine::{moved, refine, solution_of};
 use super::requirements::{self, Circle};
-use super::served::{horizontal, served};
 use super::track::Region;
 use super::verify::{FrameGeometry, Hypothesis, PatternSource};
-use super::{Cause, FoundBy, Moved, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, Statistics, Stop, Watch};
+use super::{Cause, FoundBy, Moved, Outcome, Prior, Reason, SearchMode, SourceReport, Statistics, Stop, Watch};
 use crate::catalog::{Catalogue, Field, FieldKey};
 use crate::image::{CellStatistics, Frame, LevelMeter, Mask};
 use crate::settings::Settings;
-use crate::sky::{CameraModel, DEG, HOUR, Mat3, Observer, RowOrder, Vec3};
+use crate::sky::{CameraModel, DEG, HOUR, Observer, Vec3};
 use crate::sources::{Finder, Look, SearchKernel, Source};
 use std::sync::Arc;
 
@@ -36,8 +32,6 @@ pub struct Solver {
 
 /// A frame with more of its pixels saturated has no sky left to look at.
 const TOO_BRIGHT_FRACTION: f64 = 0.95;
-/// Whole stars lie no further than this from the fit, rms per axis, samples of the picture that they were measured in.
-const WORST_RMS_PX: f64 = 1.5;
 /// Sources that a pattern and its check need at least.
 const LEAST_SOURCES: usize = 4;
 /// Wide kernels that a frame is searched with, of those in which most stands out. (Trials: of 53 frames of discs and trails of 30 px that
@@ -436,121 +430,6 @@ impl Solver {
             SearchEnd::Exhausted(best) => self.leave_open(context, &all, best, outcome, "every pattern was tried"),
             SearchEnd::Budget(best) => self.leave_open(context, &all, best, outcome, "the budget of candidates was used up"),
         }
-    }
-
-    /// The final fit of a pattern beyond doubt, its horizontal coordinates, and the requirements.
-    pub(super) fn conclude(
-        &self,
-        context: &Context<'_>,
-        all: &[PatternSource],
-        found: &Hypothesis,
-        found_by: FoundBy,
-        outcome: &mut Outcome,
-    ) {
-        // What an earlier search of this frame was short of is no longer so.
-        (outcome.cause, outcome.candidate, outcome.found_by) = (None, None, Some(found_by));
-        outcome.detail.clear();
-        let Some(mut solution) = self.solution(context, all, found, &mut outcome.sources) else {
-            outcome.reason = Reason::Failed;
-            outcome.detail = "the final fit of a verified pattern did not settle".into();
-            return;
-        };
-        solution.horizontal = horizontal(context, &solution, &self.settings.solver.fit);
-        solution.served = served(context, &solution, &self.settings.solver.fit);
-        let boresight = solution.attitude.boresight();
-        if let Some(circle) = context.circles.iter().find(|c| !c.contains(&boresight)) {
-            let distance = crate::sky::separation(&circle.centre, &boresight);
-            outcome.prior_disagreement = Some(distance);
-            outcome.cause = Some(Cause::WrongPrior);
-            outcome.detail =
-                format!("{}: {:.3}° from the prior, the radius is {:.3}°", circle.name, distance / DEG, circle.radius / DEG);
-            if self.settings.solver.prior_veto {
-                outcome.reason = Reason::Requirement;
-                outcome.candidate = Some(solution);
-                return;
-            }
-        }
-        let min_matched = match found_by {
-            FoundBy::Tracked => self.settings.solver.tracking.min_matched,
-            FoundBy::LostInSpace => self.settings.solver.matching.min_matched,
-        };
-        match requirements::check(&solution, min_matched as usize, &self.settings) {
-            Ok(()) => {
-                outcome.reason = Reason::Solved;
-                outcome.solution = Some(solution);
-            }
-            Err(refusal) => {
-                outcome.reason = Reason::Requirement;
-                outcome.detail = refusal.0;
-                outcome.candidate = Some(solution);
-            }
-        }
-    }
-
-    /// The solution of a hypothesis by the final fit: by the sources as they were found or, where they may not be whole stars, by the
-    /// light of all of them. Sources measured anew go into `sources`.
-    fn solution(
-        &self,
-        context: &Context<'_>,
-        all: &[PatternSource],
-        found: &Hypothesis,
-        sources: &mut [SourceReport],
-    ) -> Option<Solution> {
-        let apply = self.settings.solver.fit.proper_motion;
-        let epoch = context.year.unwrap_or(context.field.stars.epoch_yr);
-        let years = if apply { epoch - context.field.stars.epoch_yr } else { 0.0 };
-        let (field, geometry) = (context.field, &context.geometry);
-        let (mut fit, mut matches) = refine(all, &found.pose, &found.matches, field, &self.catalogue, geometry, years)?;
-        let mut all = all.to_vec();
-        let tried = all.len().min(self.settings.solver.sources.max_sources as usize);
-        // Light that was seen to be in pieces has those within its reach in it already; what was taken for whole stars has none.
-        let copy_px = nearest_copy(&all, &matches, 0.0);
-        let far_copy_px = copy_px.and_then(|_| nearest_copy(&all, &matches, SEEN_PX));
-        // What is in the fit's own covariance already: the light's middle is of the same photons as the places of its stars.
-        let mut counted = 0.0;
-        // Stars that are there again, moved: which of the pieces is the middle one nobody knows.
-        // Along their trails stars are whole.
-        let light = match context.turn {
-            Some(_) => LightFit::AsFound { doubt_px: 0.0 },
-            None => fit_by_light(self, context, &fit, &matches, &mut all, tried, years),
-        };
-        let common_px = match light {
-            LightFit::AsFound { doubt_px } => doubt_px.max(copy_px.unwrap_or(0.0)),
-            LightFit::Anew(anew) => {
-                (fit, matches) = (anew.fit, anew.matches);
-                for (source, star) in anew.placed {
-                    if let Some(report) = sources.get_mut(source) {
-                        (report.x, report.y, report.flux, report.snr) = (star.x, star.y, star.flux, star.snr);
-                        report.sigma_px = (0.5 * (star.covariance.0 + star.covariance.1)).sqrt();
-                    }
-                }
-                counted = 1.0;
-                anew.sigma_px.max(far_copy_px.unwrap_or(0.0))
-            }
-        };
-        let mirror = (
-            if context.camera.mirrored { 1.0 } else { -1.0 },
-            if context.frame.rows == RowOrder::BottomFirst { 1.0 } else { -1.0 },
-        );
-        let star_at = |place: usize| {
-            let star = field.stars.stars.get(place)?;
-            Some((star.star as usize, moved(star, field, &self.catalogue, years)))
-        };
-        let mut solution = solution_of(&fit, &matches, &all, star_at, geometry, mirror, found.false_ln);
-        solution.epoch_yr = apply.then_some(epoch);
-        // Matches that lie so far off are of several kinds of pieces: where the stars are is not known better than that.
-        let common_px =
-            if solution.rms_px > WORST_RMS_PX * (1 << context.scale) as f64 { common_px.max(solution.rms_px) } else { common_px };
-        // What all sources have in common moves the boresight alone.
-        let variance = (common_px * solution.platescale).powi(2);
-        let known = solution.covariance.diagonal() * counted;
-        let more = Vec3::new(variance - known.x, variance - known.y, 0.0).map(|v| v.max(0.0));
-        solution.covariance += Mat3::from_diagonal(&more);
-        if let Some((turn, variance)) = context.turn {
-            solution.covariance += Mat3::from_diagonal(&Vec3::new(variance, variance, 0.0));
-            solution.start = Some(solution.attitude.turned(&-turn));
-        }
-        Some(solution)
     }
 
     /// The sources of the last search as the matcher sees them.
