@@ -120,6 +120,19 @@ class Source(Record):
 
 
 @dataclass(kw_only=True, slots=True)
+class SeriesStart(Record):
+    """The pointing at the start of a series of exposures, ICRS."""
+
+    ra_deg: float | None = None
+    dec_deg: float | None = None
+    roll_deg: float | None = None
+    sigma_east_arcsec: float | None = None
+    sigma_north_arcsec: float | None = None
+    # From there to the middle of the light, s.
+    before_middle_s: float | None = None
+
+
+@dataclass(kw_only=True, slots=True)
 class Times(Record):
     """How long each stage took, ms. All 0 where the program ran on a simulated clock."""
 
@@ -209,6 +222,8 @@ class Solution(Record):
     equinox_yr: float | None = None
     # The observer that azimuth and elevation were computed for.
     observer: Observer | None = None
+    # The pointing at the start of a series whose motion is known; that above is then of the middle of its light.
+    series_start: SeriesStart | None = None
     # Sources that were matched, found, and made patterns of; candidate attitudes that were screened.
     matched: int = 0
     sources_found: int = 0

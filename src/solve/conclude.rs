@@ -7,7 +7,7 @@ use super::requirements;
 use super::served::{horizontal, served};
 use super::solver::{Context, Solver};
 use super::verify::{Hypothesis, PatternSource};
-use super::{Cause, FoundBy, Outcome, Reason, Solution, SourceReport};
+use super::{Cause, FoundBy, Outcome, Reason, SeriesStart, Solution, SourceReport};
 use crate::sky::{DEG, Mat3, RowOrder, Vec3};
 
 /// Whole stars lie no further than this from the fit, rms per axis, samples of the picture that they were measured in.
@@ -86,7 +86,7 @@ impl Solver {
         let mut counted = 0.0;
         // Stars that are there again, moved: which of the pieces is the middle one nobody knows.
         // Along their trails stars are whole.
-        let light = match context.turn {
+        let light = match context.motion {
             Some(_) => LightFit::AsFound { doubt_px: 0.0 },
             None => fit_by_light(self, context, &fit, &matches, &mut all, tried, years),
         };
@@ -122,9 +122,14 @@ impl Solver {
         let known = solution.covariance.diagonal() * counted;
         let more = Vec3::new(variance - known.x, variance - known.y, 0.0).map(|v| v.max(0.0));
         solution.covariance += Mat3::from_diagonal(&more);
-        if let Some((turn, variance)) = context.turn {
+        if let Some(motion) = context.motion {
+            let variance = motion.variance_of_middle();
             solution.covariance += Mat3::from_diagonal(&Vec3::new(variance, variance, 0.0));
-            solution.start = Some(solution.attitude.turned(&-turn));
+            solution.start = Some(SeriesStart {
+                attitude: solution.attitude.turned(&-motion.turn_to_middle()),
+                before_middle_s: motion.start_to_middle_s(),
+                variance: motion.variance_to_middle() - variance,
+            });
         }
         Some(solution)
     }

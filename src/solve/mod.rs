@@ -35,12 +35,13 @@ pub use fit::{FitPrior, Pose};
 pub use motion::{Motion, MotionError};
 pub use near::{NearRules, NearSearch};
 pub use outcome::{
-    Cause, FoundBy, HorizontalSolution, Match, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, StageTimes, Statistics,
+    Cause, FoundBy, HorizontalSolution, Match, Outcome, Prior, Reason, SearchMode, SeriesStart, Solution, SourceReport,
+    StageTimes, Statistics,
 };
 pub use pattern::{Allows, MAX_SOURCES, PatternSearch, SearchEnd, SearchRules, SearchTally};
 pub use report::{
-    AttitudePriorReport, CandidateReport, Correction, ObserverReport, PointingReport, PriorReport, Report, SourceEntry,
-    StarEntry, StatisticsReport, TimesReport,
+    AttitudePriorReport, CandidateReport, Correction, ObserverReport, PointingReport, PriorReport, Report, SeriesStartReport,
+    SourceEntry, StarEntry, StatisticsReport, TimesReport,
 };
 pub use served::Served;
 pub use solver::Solver;

@@ -175,7 +175,7 @@ pub struct Solution {
     /// Attitude of the camera frame in ICRS.
     pub attitude: Attitude,
     /// The same at the start of the series, where its motion is known: the attitude above is that at the middle of its light.
-    pub start: Option<Attitude>,
+    pub start: Option<SeriesStart>,
     /// Plate scale at the centre, rad/px.
     pub platescale: f64,
     /// Fitted radial distortion k1.
@@ -200,6 +200,17 @@ pub struct Solution {
     pub epoch_yr: Option<f64>,
     /// The same pointing with aberration, or on axes of date, where that was asked for; the fields above have neither.
     pub served: Option<Served>,
+}
+
+/// The pointing at the start of a series whose motion is known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SeriesStart {
+    /// Attitude of the camera frame in ICRS.
+    pub attitude: Attitude,
+    /// From there to the middle of the light, s.
+    pub before_middle_s: f64,
+    /// What the gyros' drift adds to the covariance of the middle, rad² per axis.
+    pub variance: f64,
 }
 
 /// A pointing against the horizon.

@@ -3,7 +3,10 @@
 //! Degrees, arcseconds and milliseconds, with the unit in each name. A number that is not finite is null, so a line is JSON
 //! whatever happened. Every key is there in every line; what is not known is null.
 
-use super::{AttitudePrior, Cause, FoundBy, Outcome, Prior, Reason, SearchMode, Solution, SourceReport, StageTimes, Statistics};
+use super::{
+    AttitudePrior, Cause, FoundBy, Outcome, Prior, Reason, SearchMode, SeriesStart, Solution, SourceReport, StageTimes,
+    Statistics,
+};
 use crate::catalog::Catalogue;
 use crate::sky::{ARCSEC, ClockQuality, DEG, HOUR, Mat3, Observer, ra_dec};
 use serde::Serialize;
@@ -120,6 +123,21 @@ pub struct PointingReport {
     pub equinox_yr: Option<f64>,
     /// The observer that azimuth and elevation were computed for.
     pub observer: Option<ObserverReport>,
+    /// The pointing at the start of a series whose motion is known; that above is then of the middle of its light.
+    pub series_start: Option<SeriesStartReport>,
+}
+
+/// The pointing at the start of a series, ICRS.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[allow(missing_docs, reason = "as in the pointing")]
+pub struct SeriesStartReport {
+    pub ra_deg: Option<f64>,
+    pub dec_deg: Option<f64>,
+    pub roll_deg: Option<f64>,
+    pub sigma_east_arcsec: Option<f64>,
+    pub sigma_north_arcsec: Option<f64>,
+    /// From there to the middle of the light.
+    pub before_middle_s: Option<f64>,
 }
 
 /// Where an observer stands and how far the sky has turned.
@@ -329,6 +347,22 @@ impl PointingReport {
             equatorial_equinox_yr: solution.served.and_then(|served| served.equinox_yr).and_then(finite),
             equinox_yr: horizontal.and_then(|h| h.equinox_yr).and_then(finite),
             observer: horizontal.map(|h| ObserverReport::new(&h.observer)),
+            series_start: solution.start.map(|start| SeriesStartReport::new(&start, &solution.covariance)),
+        }
+    }
+}
+
+impl SeriesStartReport {
+    fn new(start: &SeriesStart, middle: &Mat3) -> Self {
+        let (ra, dec, roll) = start.attitude.angles();
+        let sigma = |variance: f64| arcsec((variance + start.variance).sqrt());
+        Self {
+            ra_deg: degrees(ra),
+            dec_deg: degrees(dec),
+            roll_deg: degrees(roll),
+            sigma_east_arcsec: sigma(middle.m11),
+            sigma_north_arcsec: sigma(middle.m22),
+            before_middle_s: finite(start.before_middle_s),
         }
     }
 }

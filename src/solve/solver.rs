@@ -5,7 +5,7 @@ use super::pattern::{PatternSearch, SearchEnd, SearchRules, SearchTally};
 use super::requirements::{self, Circle};
 use super::track::Region;
 use super::verify::{FrameGeometry, Hypothesis, PatternSource};
-use super::{Cause, FoundBy, Moved, Outcome, Prior, Reason, SearchMode, SourceReport, Statistics, Stop, Watch};
+use super::{Cause, FoundBy, Motion, Moved, Outcome, Prior, Reason, SearchMode, SourceReport, Statistics, Stop, Watch};
 use crate::catalog::{Catalogue, Field, FieldKey};
 use crate::image::{CellStatistics, Frame, LevelMeter, Mask};
 use crate::settings::Settings;
@@ -82,9 +82,8 @@ pub(super) struct Context<'a> {
     pub region: Option<Region>,
     /// Scale that the sources were found at.
     pub scale: usize,
-    /// Where sources were found along their trails: the camera's turn from the start of the series to the middle of its light, rad, and the
-    /// variance that the gyros' drift adds to where that is, rad² per axis.
-    pub turn: Option<(Vec3, f64)>,
+    /// The motion, where sources were found along the trails that it makes.
+    pub motion: Option<&'a Motion>,
 }
 
 impl Solver {
@@ -374,7 +373,7 @@ impl Solver {
         let observer = self.observer(frame, prior);
         let circles = requirements::expected_circles(&settings.solver.requirements, prior, observer.as_ref(), year);
         let region = Region::of(prior, &circles).filter(|_| settings.solver.tracking.enabled);
-        Context { frame, watch, field, geometry, camera, observer, year, circles, region, scale: 0, turn: None }
+        Context { frame, watch, field, geometry, camera, observer, year, circles, region, scale: 0, motion: None }
     }
 
     /// The observer by the settings' order of preference.
@@ -415,7 +414,7 @@ impl Solver {
         match end {
             SearchEnd::Found(hypothesis) => {
                 let started = context.watch.elapsed();
-                if context.turn.is_none() {
+                if context.motion.is_none() {
                     self.finder.complete(&mut self.found);
                 }
                 let sharp = if context.scale > 0 { self.sharpen(context, look, &hypothesis) } else { None };
