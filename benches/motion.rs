@@ -35,6 +35,9 @@ struct Args {
     /// The first of them
     #[arg(long, default_value_t = 0)]
     first: u64,
+    /// Noise of the gyros, arcsec/s/√Hz
+    #[arg(long, default_value_t = 4.0)]
+    gyro_noise: f64,
     /// Given by `cargo bench`
     #[arg(long, hide = true)]
     bench: bool,
@@ -46,8 +49,6 @@ const GAP_S: f64 = 0.19;
 const SAMPLE_HZ: f64 = 100.16;
 /// Before the first exposure, s.
 const LEAD_S: f64 = 0.05;
-/// Noise of the gyros, arcsec/s/√Hz.
-const GYRO_NOISE: f64 = 4.0;
 /// Length of a trail in one exposure, px.
 const STREAK_PX: (f64, f64) = (5.0, 30.0);
 /// Stars, and the signal over noise in a single exposure of the faintest and of the brightest.
@@ -70,7 +71,7 @@ struct Drawn {
     stars: usize,
 }
 
-fn draw(catalogue: &Catalogue, seed: u64, index: u64) -> Drawn {
+fn draw(catalogue: &Catalogue, seed: u64, index: u64, gyro_noise: f64) -> Drawn {
     let mut random = ChaCha8Rng::seed_from_u64(seed.wrapping_mul(0x9e37_79b9).wrapping_add(index));
     let count = 1 + (index % 4) as usize;
     let uniform = |random: &mut ChaCha8Rng, (low, high): (f64, f64)| low + (high - low) * random.random::<f64>();
@@ -88,8 +89,8 @@ fn draw(catalogue: &Catalogue, seed: u64, index: u64) -> Drawn {
         })
         .collect();
     let exposures = (0..count).map(|k| (LEAD_S + k as f64 * (EXPOSURE_S + GAP_S), EXPOSURE_S)).collect();
-    let truth = Motion { rates, sample_rate_hz: SAMPLE_HZ, exposures, elevation, roll, drift: GYRO_NOISE * ARCSEC };
-    let sigma = GYRO_NOISE * ARCSEC * SAMPLE_HZ.sqrt();
+    let truth = Motion { rates, sample_rate_hz: SAMPLE_HZ, exposures, elevation, roll, drift: gyro_noise * ARCSEC };
+    let sigma = gyro_noise * ARCSEC * SAMPLE_HZ.sqrt();
     let mut noisy = |rate: f64| -> f64 {
         let noise: f64 = StandardNormal.sample(&mut random);
         rate + sigma * noise
@@ -130,10 +131,10 @@ struct Tally {
 }
 
 impl Tally {
-    fn add(&mut self, outcome: &Outcome, ms: f64, drawn: &Drawn, catalogue: &Catalogue) -> char {
+    fn add(&mut self, outcome: &Outcome, ms: f64, drawn: &Drawn, catalogue: &Catalogue) -> String {
         self.times.push(ms);
         if outcome.reason != Reason::Solved {
-            return '-';
+            return "-".to_owned();
         }
         let report = Report::new(outcome, catalogue);
         let judged = Judged::new(&report.pointing, &drawn.middle).unwrap();
@@ -143,9 +144,9 @@ impl Tally {
         if judged.is_wrong() {
             self.wrong += 1;
             println!("wrong: {:.1}″ off with σ {:.1}″, mode {:?}", judged.error, judged.sigma, outcome.mode);
-            return 'X';
         }
-        if outcome.mode == SearchMode::Motion { 'm' } else { 'n' }
+        let how = if outcome.mode == SearchMode::Motion { 'm' } else { 'n' };
+        format!("{how} {:.1}″ of σ {:.1}″", judged.error, judged.sigma)
     }
 
     fn print(&mut self, name: &str, series: u64) {
@@ -168,7 +169,7 @@ fn main() {
     let mut solver = Solver::new(Arc::clone(&catalogue), Arc::new(Settings::flight().unwrap()));
     let (mut along, mut plain) = (Tally::default(), Tally::default());
     for index in args.first..args.first + args.series {
-        let drawn = draw(&catalogue, args.seed, index);
+        let drawn = draw(&catalogue, args.seed, index, args.gyro_noise);
         let moved = Moved { exposures: drawn.exposures.clone(), motion: Arc::new(drawn.measured.clone()) };
         solver.prepare(drawn.sum.width, drawn.sum.height);
         let (with, ms) = timed(|| solver.solve_moved(&drawn.sum, &moved, &Prior::default(), &CpuWatch));

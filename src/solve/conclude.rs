@@ -124,11 +124,13 @@ impl Solver {
         solution.covariance += Mat3::from_diagonal(&more);
         if let Some(motion) = context.motion {
             let variance = motion.variance_of_middle();
+            // What of the motion the gyros did not tell shows in how far stars lie off.
+            solution.covariance *= solution.chi2_per_dof.max(1.0);
             solution.covariance += Mat3::from_diagonal(&Vec3::new(variance, variance, 0.0));
             solution.start = Some(SeriesStart {
                 attitude: solution.attitude.turned(&-motion.turn_to_middle()),
                 before_middle_s: motion.start_to_middle_s(),
-                variance: motion.variance_to_middle() - variance,
+                variance: motion.variance_to_middle(),
             });
         }
         Some(solution)

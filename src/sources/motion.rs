@@ -37,6 +37,8 @@ const STEPS: usize = 4;
 /// A source whose residuals are so many times the noise's, squared, is no star; what a bright star's shape adds is allowed for.
 const MOST_CHI2: f64 = 1.5;
 const CHI2_PER_SNR2: f64 = 0.01;
+/// By how much places scatter more than the least that can be, times the square of signal over noise: the next order in the noise.
+const FAINT_SCATTER: f64 = 4.0;
 /// A peak beside a higher one must stand so far above what that one's light adds there, in parts of the threshold.
 const ABOVE_NEIGHBOUR: f32 = 1.0;
 
@@ -50,6 +52,8 @@ pub struct Trail {
     /// How far the picture has turned about its centre by the middle of this exposure, rad: what lay at (x, y) from there has moved by
     /// (y, −x) times it.
     pub spin: f64,
+    /// One σ of where it lies against the trails of the other exposures, px per axis.
+    pub sigma_px: f64,
 }
 
 impl Trail {
@@ -496,8 +500,12 @@ fn fit(exposed: &[Exposed<'_>], x: f64, y: f64) -> Option<Fitted> {
     }
     let sums = equations(&windows, &star);
     let covariance = sums.products.cholesky()?.inverse();
-    star.sigma_px = (0.5 * (covariance.m22 + covariance.m33)).sqrt();
+    // Without some of the exposures what the trails of the others lie off shows in full.
+    let apart = if windows.len() < exposed.len() { exposed.iter().map(|e| e.trail.sigma_px).fold(0.0, f64::max) } else { 0.0 };
     star.snr = star.flux / covariance.m11.sqrt();
+    // The bound is reached where the signal is strong alone.
+    let faint = 1.0 + FAINT_SCATTER / (star.snr * star.snr);
+    star.sigma_px = (0.5 * (covariance.m22 + covariance.m33) * faint * faint + apart * apart).sqrt();
     star.chi2 = sums.chi2 / sums.values.saturating_sub(3 + windows.len()).max(1) as f64;
     star.peak = star.flux * f64::from(exposed.iter().flat_map(|e| &e.table.samples).copied().fold(0.0, f32::max));
     star.snr.is_finite().then_some(star)
@@ -531,7 +539,7 @@ mod tests {
             let part = (f64::from(i) + 0.5) / 60.0;
             (from.0 + part * (to.0 - from.0), from.1 + part * (to.1 - from.1))
         };
-        Trail { places: (0..60).map(place).collect(), share, spin }
+        Trail { places: (0..60).map(place).collect(), share, spin, sigma_px: 0.3 }
     }
 
     /// Exposures of stars at places, of a flux in all of them together.
