@@ -155,8 +155,13 @@ impl Motion {
             trail.places.iter_mut().for_each(|place| *place = (place.0 - x, place.1 - y));
             trail.spin -= spin;
         }
-        let reach = trails.iter().map(Trail::reach).fold(0.0, f64::max);
-        if reach <= FURTHEST_PX { Ok(trails) } else { Err(MotionError::TooFar(reach)) }
+        // What is no number, of a star that leaves the camera's half of the sky, is too far as well.
+        let followed = |(x, y): &(f64, f64)| x.abs() <= FURTHEST_PX && y.abs() <= FURTHEST_PX;
+        if trails.iter().all(|trail| trail.places.iter().all(followed)) {
+            return Ok(trails);
+        }
+        let finite = |px: f64| if px.is_finite() { px } else { f64::INFINITY };
+        Err(MotionError::TooFar(trails.iter().map(|trail| finite(trail.reach())).fold(0.0, f64::max)))
     }
 
     fn trail(&self, camera: &CameraModel, (start, length): (f64, f64), light: f64, middle: &Rotation3<f64>) -> Trail {
@@ -173,7 +178,8 @@ impl Motion {
             [a, b] => (b.0 - a.0).hypot(b.1 - a.1),
             _ => 0.0,
         });
-        let steps = (long.sum::<f64>() / STEP_PX).ceil().clamp(1.0, MOST_STEPS) as usize;
+        // At least one, which shows where no number comes of it.
+        let steps = ((long.sum::<f64>() / STEP_PX).ceil().min(MOST_STEPS) as usize).max(1);
         // What of the turn about the boresight is left and up in the file's own order of pixels.
         let (left, up) = (camera.position(1.0, 0.0).0 - origin.0, camera.position(0.0, 1.0).1 - origin.1);
         let spin = left * up * since_middle(start + length / 2.0).scaled_axis().z;
@@ -298,6 +304,8 @@ mod tests {
         assert!(with(|m| m.elevation = 2.0).contains("elevation"));
         assert!(with(|m| m.exposures[1].1 = 5.0).contains("exposure 1 lies outside"));
         assert!(with(|m| m.exposures[0].0 = -0.1).contains("exposure 0 lies outside"));
-        assert!(matches!(steady(9.0 * DEG, 0.0).trails(&camera()), Err(MotionError::TooFar(_))));
+        for rate in [9.0, 90.0, 300.0, 1000.0] {
+            assert!(matches!(steady(rate * DEG, 0.0).trails(&camera()), Err(MotionError::TooFar(_))), "{rate} deg/s");
+        }
     }
 }
