@@ -66,6 +66,15 @@ impl LevelMeter {
             _ => Level { low: 0, high: frame.full_scale.unwrap_or(u16::MAX).max(1) },
         }
     }
+
+    /// Typical distance from each other of the values of the last frame within a level, ADU; nought where there are not two.
+    pub fn step_adu(&self, level: (u16, u16)) -> f64 {
+        let from_low = self.counts.iter().skip(level.0.into()).take(usize::from(level.1.saturating_sub(level.0)) + 1);
+        let mut there = from_low.enumerate().filter(|(_, counts)| counts.iter().any(|&count| count > 0)).map(|(value, _)| value);
+        let Some(first) = there.next() else { return 0.0 };
+        let (steps, last) = there.fold((0, first), |(steps, _), value| (steps + 1, value));
+        if steps > 0 { (last - first) as f64 / f64::from(steps) } else { 0.0 }
+    }
 }
 
 /// The value at which the values passed, from one end of the histogram, become more than the tail.

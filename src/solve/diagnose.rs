@@ -5,7 +5,6 @@ use super::second_look::SecondLook;
 use super::solver::{Search, Solver, pattern_source};
 use super::verify::PatternSource;
 use super::{Cause, Outcome, Reason};
-use crate::image::Frame;
 use crate::sources::{Figure, Source};
 
 /// A source of a star's shape and of this confidence is worth a look; surely one, unless it is an artefact of that shape; and one that
@@ -45,7 +44,7 @@ impl Solver {
         }
         let mut evidence = Evidence {
             saturated_fraction: outcome.statistics.map_or(0.0, |statistics| statistics.saturated_fraction),
-            step_adu: outcome.statistics.map_or(0.0, |statistics| step_adu(search.frame, statistics.level)),
+            step_adu: outcome.statistics.map_or(0.0, |statistics| self.levels.step_adu(statistics.level)),
             sky: SkyEvidence::of(&self.cells),
             stars: self.seen.count(SURE),
             ..Evidence::default()
@@ -93,19 +92,4 @@ impl Solver {
         let only_near = context.circles.first().filter(|_| settings.prior_veto).map(|circle| circle.centre);
         SecondLook { field, sources: &sources, geometry: &context.geometry, settings, only_near, watch: search.watch }.cause()
     }
-}
-
-/// Typical distance of the values within a range from each other, by every few pixels, ADU.
-fn step_adu(frame: &Frame, (low, high): (u16, u16)) -> f64 {
-    /// One pixel of so many is looked at: no divisor of a row's length, so that all columns have their turn.
-    const STRIDE: usize = 13;
-    let mut there = vec![false; usize::from(high.saturating_sub(low)) + 1];
-    for &pixel in frame.pixels.iter().step_by(STRIDE) {
-        if let Some(seen) = there.get_mut(usize::from(pixel.wrapping_sub(low))) {
-            *seen = true;
-        }
-    }
-    let (first, last) = (there.iter().position(|seen| *seen), there.iter().rposition(|seen| *seen));
-    let values = there.iter().filter(|seen| **seen).count();
-    first.zip(last).filter(|_| values > 1).map_or(0.0, |(first, last)| (last - first) as f64 / (values - 1) as f64)
 }

@@ -18,6 +18,9 @@ const CORNER_SIGMAS: f64 = 2.0;
 const DISTORTED_PX: f64 = 1.0;
 /// Sources beyond the pattern that must fall on a star: with few sources two are enough, with many chance gives two.
 const FEW_SOURCES: usize = 9;
+/// Sources that are looked at first: a pose of which none of them beyond the corners falls on a star is not looked at further. (Each look
+/// waits for memory; of ten stars among twenty sources, three of them corners, at least one is among these.)
+const FIRST_LOOK: usize = 12;
 /// Sources that a pattern can be made of: as many as are screened at once.
 pub const MAX_SOURCES: usize = POINTS;
 /// Triangles remembered for the display.
@@ -203,7 +206,11 @@ impl<'a> PatternSearch<'a> {
         let (mut end, mut looked_at) = (None, planes.len());
         for (place, cells) in found.iter().zip(&cells) {
             let (plane, stars) = candidate(place);
-            let hits = field.bitmap.hits(&cells[..count]) & !planes[plane].corner_bits;
+            let others = !planes[plane].corner_bits;
+            let mut hits = field.bitmap.hits(&cells[..count.min(FIRST_LOOK)]) & others;
+            if hits != 0 && count > FIRST_LOOK {
+                hits |= field.bitmap.hits(&cells[FIRST_LOOK..count]) << FIRST_LOOK & others;
+            }
             end = self.count_candidate();
             if end.is_none() && hits.count_ones() as usize >= self.need {
                 end = self.look_at(&planes[plane], &stars.map(|s| *field.triangles.direction(s)));

@@ -128,8 +128,6 @@ pub struct Finder {
     /// Scales of `halved` that belong to the present frame.
     halved_ready: usize,
     pub(super) finder: PeakFinder,
-    /// The picture smoothed at the scale of the last search, above its level.
-    pub(super) smooth: Plane,
     pub(super) peaks: Vec<Peak>,
     /// Peaks of the kernels that were surveyed, and how much stands out in each.
     pub(super) surveyed: Vec<Survey>,
@@ -213,7 +211,7 @@ impl Finder {
         self.peaks.clear();
         self.peaks.extend(places.filter(|(x, y)| *x >= 0.0 && *y >= 0.0).map(|(x, y)| {
             let sample = |c: f64| (c + 0.5) as usize / bin;
-            Peak { x: sample(x), y: sample(y), height: 0.0 }
+            Peak { x: sample(x), y: sample(y), height: 0.0, cell: 0 }
         }));
         self.peaks.retain(|peak| !masked(peak.x, peak.y));
         self.measure(frame, cells, look, kernel, sources);
@@ -272,8 +270,7 @@ impl Finder {
         set_thresholds(cells, plane, 1 << scale, snr, &mut self.thresholds);
         let masked = look.masked_at(cells, scale);
         let rules = look.rules(kernel, plane, &self.thresholds, &masked);
-        let whole = (kernel != SearchKernel::Sharp).then_some(&mut self.smooth);
-        self.finder.find(plane, &rules, look.keep_on, whole, peaks)
+        self.finder.find(plane, &rules, look.keep_on, kernel != SearchKernel::Sharp, peaks)
     }
 
     /// Where the light of stars at known places lies, brightest first; `None` where it cannot be told.
@@ -330,7 +327,7 @@ impl Finder {
         let kept = &mut self.kept;
         kept.clear();
         self.candidates.retain(|c| {
-            let (x, y, here) = (c.peak.x as f32, c.peak.y as f32, c.peak.cell(cell));
+            let (x, y, here) = (c.peak.x as f32, c.peak.y as f32, c.peak.cell_of(cell));
             let is_apart = |k: &Kept| (k.x - x).powi(2) + (k.y - y).powi(2) >= SEPARATION * SEPARATION;
             let keep =
                 kept.len() < most && kept.iter().all(is_apart) && kept.iter().filter(|k| k.cell == here).count() < per_cell;

@@ -198,7 +198,7 @@ impl Finder {
             if !self.smooth_above_level(frame, cells, trail, look) {
                 return false;
             }
-            let smooth = &self.smooth;
+            let smooth = self.finder.smooth();
             if sum.pixels.is_empty() {
                 sum = Plane { width: smooth.width, height: smooth.height, pixels: vec![0.0; smooth.pixels.len()] };
             }
@@ -237,7 +237,7 @@ impl Finder {
             threshold_columns: 1,
             masked: &|_, _| true,
         };
-        self.finder.find(&half, &no_peaks, look.keep_on, Some(&mut self.smooth), &mut Vec::new())
+        self.finder.find(&half, &no_peaks, look.keep_on, true, &mut Vec::new())
     }
 }
 
@@ -255,7 +255,7 @@ fn peaks_of(sum: &Plane, cells: &CellStatistics, noise: f32, look: &Look<'_>) ->
             let sigma = sigmas[y / CELL_PX * columns + x / CELL_PX];
             let around = || rows.iter().flat_map(|row| &row[x - 1..=x + 1]).all(|other| *other <= height);
             if height >= LEAST_SNR * sigma && around() && !masked(x, y) {
-                peaks.push((Peak { x, y, height }, height / sigma));
+                peaks.push((Peak { x, y, height, cell: 0 }, height / sigma));
             }
         }
     }

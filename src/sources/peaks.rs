@@ -23,11 +23,13 @@ pub struct Peak {
     pub y: usize,
     /// Height above the level, ADU.
     pub height: f32,
+    /// The cell of the search that it was kept in, counted row after row.
+    pub cell: u32,
 }
 
 impl Peak {
     /// The cell of a side, samples, that it lies in: column and row.
-    pub fn cell(&self, side: usize) -> (usize, usize) {
+    pub fn cell_of(&self, side: usize) -> (usize, usize) {
         (self.x / side, self.y / side)
     }
 }
@@ -100,22 +102,31 @@ pub struct PeakFinder {
     /// The level at the middles of the two rows of coarse cells around the present row, sample by sample.
     level_rows: [Vec<f32>; 2],
     across: Vec<f32>,
-    excess: [Vec<f32>; 3],
-    cells: Vec<Vec<Peak>>,
+    smooth: Plane,
+    scan: Scan,
+    cells: Cells,
 }
+
+/// Rows of the smoothed picture that peaks are searched in at a time.
+const ROWS: usize = 3;
 
 impl PeakFinder {
     /// Finds the peaks of a plane, cell after cell, the highest of each first. `keep_on` is asked every few rows; where it says no,
-    /// the search ends with `false`. `whole`: gets the smoothed picture above its level, for those who search it again.
+    /// the search ends with `false`. `whole`: whether all of [`Self::smooth`] is kept, for those who search it again.
     pub fn find(
         &mut self,
         plane: &Plane,
         rules: &PeakRules<'_>,
         keep_on: &dyn Fn() -> bool,
-        whole: Option<&mut Plane>,
+        whole: bool,
         peaks: &mut Vec<Peak>,
     ) -> bool {
         with_vectors(Search { finder: self, plane, rules, keep_on, whole, peaks })
+    }
+
+    /// The smoothed picture above its level, after a search that kept it.
+    pub fn smooth(&self) -> &Plane {
+        &self.smooth
     }
 
     #[inline(always)]
@@ -124,29 +135,31 @@ impl PeakFinder {
         plane: &Plane,
         rules: &PeakRules<'_>,
         keep_on: &dyn Fn() -> bool,
-        mut whole: Option<&mut Plane>,
+        whole: bool,
         peaks: &mut Vec<Peak>,
     ) -> bool {
         peaks.clear();
         let (width, height) = (plane.width, plane.height);
-        if let Some(whole) = whole.as_deref_mut() {
-            (whole.width, whole.height) = (width, height);
-            whole.pixels.clear();
-            whole.pixels.resize(width * height, 0.0);
-        }
+        let kept = if whole { height } else { ROWS };
+        (self.smooth.width, self.smooth.height) = (width, kept);
+        self.smooth.pixels.resize(width * kept, 0.0);
         if width < LEAST_SIDE || height < LEAST_SIDE || rules.cell == 0 {
+            self.smooth.pixels.fill(0.0);
             return true;
         }
+        // The border has no neighbours to be smoothed with.
+        self.smooth.pixels[..width].fill(0.0);
+        self.smooth.pixels[width * (kept - 1)..].fill(0.0);
         self.measure_coarse(plane, rules.ring);
         let coarse_rows = height / COARSE;
-        let columns = width.div_ceil(rules.cell);
-        self.cells.resize_with(columns * height.div_ceil(rules.cell), Vec::new);
-        self.cells.iter_mut().for_each(Vec::clear);
-        for row in self.excess.iter_mut().chain(&mut self.level_rows).chain([&mut self.across]) {
+        self.cells.begin((width, height), rules.cell);
+        for row in self.level_rows.iter_mut().chain([&mut self.across]) {
             row.resize(width, 0.0);
         }
         // The row of coarse cells below the present row, whose level is measured with that of the one above; none yet.
         let mut measured = 0;
+        // The row of blocks whose thresholds are spread over its samples.
+        let mut blocks = None;
         for y in 1..height - 1 {
             if y % 64 == 0 && !keep_on() {
                 return false;
@@ -163,17 +176,18 @@ impl PeakFinder {
                 measured = between;
             }
             let part = (y as f32 + 0.5) / COARSE as f32 - (between as f32 - 0.5);
-            self.excess_row(plane, y, rules.taps, part);
-            if let Some(whole) = whole.as_deref_mut() {
-                whole.pixels[y * width..][..width].copy_from_slice(&self.excess[y % 3]);
-            }
-            // A peak in a row needs the excess of the rows above and below it.
-            if y > rules.border && y >= 3 && y - 1 < height - rules.border {
-                let rows = [&self.excess[(y + 1) % 3][..], &self.excess[(y + 2) % 3], &self.excess[y % 3]];
-                scan_row(rows, y - 1, columns, rules, &mut self.cells);
+            self.smooth_row(plane, y, y % kept, rules.taps, part);
+            // A peak in a row needs the rows above and below it.
+            if y > rules.border && y >= ROWS && y - 1 < height - rules.border {
+                if blocks != Some((y - 1) / CELL_PX) {
+                    blocks = Some((y - 1) / CELL_PX);
+                    self.scan.begin(rules.thresholds_of_row(y - 1), width);
+                }
+                let rows = [self.smooth.row((y - 2) % kept), self.smooth.row((y - 1) % kept), self.smooth.row(y % kept)];
+                self.scan.keep_peaks(rows, y - 1, rules, &mut self.cells);
             }
         }
-        for cell in &self.cells {
+        for cell in &self.cells.peaks {
             peaks.extend_from_slice(cell);
         }
         true
@@ -251,12 +265,12 @@ impl PeakFinder {
         }
     }
 
-    /// Smooths a row both ways and takes the level off; its two ends are nought.
+    /// Smooths row `y` both ways and takes the level off, into row `to` of what is kept; its two ends are nought.
     #[inline(always)]
-    fn excess_row(&mut self, plane: &Plane, y: usize, taps: Taps, part: f32) {
+    fn smooth_row(&mut self, plane: &Plane, y: usize, to: usize, taps: Taps, part: f32) {
         let (side, middle) = (taps.side, taps.middle());
         smooth_across([plane.row(y - 1), plane.row(y), plane.row(y + 1)], side, middle, &mut self.across);
-        let out = &mut self.excess[y % 3];
+        let out = &mut self.smooth.pixels[to * plane.width..][..plane.width];
         smooth_along(&self.across, [&self.level_rows[0], &self.level_rows[1]], part, (side, middle), out);
     }
 }
@@ -302,63 +316,113 @@ fn smooth_along(row: &[f32], levels: [&[f32]; 2], part: f32, (side, middle): (f3
     }
 }
 
-/// Keeps the peaks of the middle one of three rows, which is row `y`. `columns`: cells along a row.
-#[inline(always)]
-fn scan_row(rows: [&[f32]; 3], y: usize, columns: usize, rules: &PeakRules<'_>, cells: &mut [Vec<Peak>]) {
-    let here = rows[1];
-    let width = here.len();
-    let thresholds = rules.thresholds_of_row(y);
-    for block in 0..width.div_ceil(CELL_PX) {
-        let (first, last) = (block * CELL_PX, ((block + 1) * CELL_PX).min(width));
-        let mut threshold = thresholds[block.min(rules.threshold_columns - 1)];
-        // In a cell that is full, only what is above the lowest of its peaks is worth a look.
-        let cell = (y / rules.cell) * columns + first / rules.cell;
-        if first / rules.cell == (last - 1) / rules.cell
-            && let Some(lowest) = cells[cell].get(rules.per_cell.saturating_sub(1))
-        {
-            threshold = threshold.max(lowest.height);
+/// The peaks that each cell keeps.
+#[derive(Debug, Clone, Default)]
+struct Cells {
+    /// Cells along a row, and the side of one, samples.
+    columns: usize,
+    side: usize,
+    /// Row after row, of each the highest first.
+    peaks: Vec<Vec<Peak>>,
+    /// Height that a sample of a cell must be above to be kept: once it is full, that of the lowest of its peaks.
+    lowest: Vec<f32>,
+}
+
+impl Cells {
+    /// Empty cells of a side for a picture of a size, samples.
+    fn begin(&mut self, (width, height): (usize, usize), side: usize) {
+        (self.columns, self.side) = (width.div_ceil(side), side);
+        let count = self.columns * height.div_ceil(side);
+        self.peaks.resize_with(count, Vec::new);
+        self.peaks.iter_mut().for_each(Vec::clear);
+        self.lowest.clear();
+        self.lowest.resize(count, f32::MIN);
+    }
+
+    /// Keeps a sample if it is among the highest of its cell; of equals the earlier.
+    #[inline(always)]
+    fn keep(&mut self, (x, y): (usize, usize), height: f32, rules: &PeakRules<'_>) {
+        let cell = y / self.side * self.columns + x / self.side;
+        if height <= self.lowest[cell] || (rules.masked)(x, y) {
+            return;
         }
-        // Almost every block ends here, without a branch inside it.
-        if here[first..last].first_chunk().is_some_and(|block| !any_above(block, threshold)) {
-            continue;
-        }
-        // What lies on the picture's edge has no neighbours, and is no peak.
-        let (first, last) = (first.max(rules.border.max(1)), last.min(width.saturating_sub(rules.border.max(1))));
-        let mut peaks = summits(rows, first, last, threshold);
-        while peaks != 0 {
-            let x = first + peaks.trailing_zeros() as usize;
-            peaks &= peaks - 1;
-            if !(rules.masked)(x, y) {
-                insert(&mut cells[(y / rules.cell) * columns + x / rules.cell], Peak { x, y, height: here[x] }, rules.per_cell);
+        let peaks = &mut self.peaks[cell];
+        let place = peaks.partition_point(|p| p.height >= height);
+        if place < rules.per_cell {
+            peaks.truncate(rules.per_cell - 1);
+            peaks.insert(place, Peak { x, y, height, cell: cell as u32 });
+            if let Some(lowest) = peaks.get(rules.per_cell - 1) {
+                self.lowest[cell] = lowest.height;
             }
         }
     }
 }
 
-/// Which samples of the middle row, of those from `first` to `last`, are above the threshold and no lower than their neighbours: bit 0
-/// for the first.
-#[inline(always)]
-fn summits(rows: [&[f32]; 3], first: usize, last: usize, threshold: f32) -> u32 {
-    let mut bits = 0;
-    if last == first + CELL_PX {
-        // A whole block: without a branch, so that it is done in vectors.
-        let [above, here, below] =
-            rows.map(|row| row[first - 1..].first_chunk::<{ CELL_PX + 2 }>().unwrap_or(&[f32::MAX; CELL_PX + 2]));
-        for i in 0..CELL_PX {
-            let at = here[i + 1];
-            let beside = (at >= here[i]) & (at >= here[i + 2]);
-            let over = (at >= above[i]) & (at >= above[i + 1]) & (at >= above[i + 2]);
-            let under = (at >= below[i]) & (at >= below[i + 1]) & (at >= below[i + 2]);
-            bits |= u32::from((at > threshold) & beside & over & under) << i;
+/// The memory of a scan of one row.
+#[derive(Debug, Clone, Default)]
+struct Scan {
+    /// Threshold of each sample of the present row of blocks.
+    thresholds: Vec<f32>,
+    /// Highest one of each three samples above each other.
+    highest: Vec<f32>,
+    /// Whether a sample is a peak.
+    marks: Vec<u8>,
+}
+
+impl Scan {
+    /// Gets ready for a row of blocks, whose thresholds are given block by block.
+    fn begin(&mut self, thresholds: &[f32], width: usize) {
+        self.thresholds.clear();
+        self.thresholds.extend((0..width).map(|x| thresholds[(x / CELL_PX).min(thresholds.len() - 1)]));
+        self.highest.resize(width, 0.0);
+        self.marks.resize(width, 0);
+    }
+
+    /// Keeps the peaks of the middle one of three rows, which is row `y`.
+    #[inline(always)]
+    fn keep_peaks(&mut self, rows: [&[f32]; ROWS], y: usize, rules: &PeakRules<'_>, cells: &mut Cells) {
+        let width = self.highest.len();
+        let border = rules.border.max(1);
+        if width <= 2 * border {
+            return;
         }
-    } else {
-        for x in first..last {
-            let at = rows[1][x];
-            let is_peak = at > threshold && rows.iter().all(|row| row[x - 1..=x + 1].iter().all(|&d| d <= at));
-            bits |= u32::from(is_peak) << (x - first);
+        mark_summits(rows, &self.thresholds, &mut self.highest, &mut self.marks);
+        // What lies on the picture's edge has no neighbours, and is no peak; elsewhere almost all marks are nought.
+        let (several, rest) = self.marks[border..width - border].as_chunks::<MARKS>();
+        let mut last = [0; MARKS];
+        last[..rest.len()].copy_from_slice(rest);
+        for (n, marks) in several.iter().chain([&last]).enumerate() {
+            // A mark is the lowest bit of its byte.
+            let mut marks = u128::from_le_bytes(*marks);
+            while marks != 0 {
+                let x = border + n * MARKS + marks.trailing_zeros() as usize / 8;
+                marks &= marks - 1;
+                cells.keep((x, y), rows[1][x], rules);
+            }
         }
     }
-    bits
+}
+
+/// Marks that are looked at together.
+const MARKS: usize = size_of::<u128>();
+
+/// Marks the samples of the middle row that are above their threshold and no lower than their eight neighbours; its ends have none.
+#[inline(always)]
+fn mark_summits(rows: [&[f32]; ROWS], thresholds: &[f32], highest: &mut [f32], marks: &mut [u8]) {
+    let width = highest.len();
+    let [above, here, below] = rows.map(|row| &row[..width]);
+    let higher = |a: f32, b: f32| if a > b { a } else { b };
+    for x in 0..width {
+        highest[x] = higher(higher(above[x], below[x]), here[x]);
+    }
+    let n = width - 2;
+    let (left, right) = (&highest[..n], &highest[2..][..n]);
+    let [above, here, below, thresholds] = [above, here, below, thresholds].map(|row| &row[1..][..n]);
+    let marks = &mut marks[1..][..n];
+    for x in 0..n {
+        let beside = higher(higher(left[x], right[x]), higher(above[x], below[x]));
+        marks[x] = u8::from((here[x] > thresholds[x]) & (here[x] >= beside));
+    }
 }
 
 /// One search, as a kernel.
@@ -367,7 +431,7 @@ struct Search<'a> {
     plane: &'a Plane,
     rules: &'a PeakRules<'a>,
     keep_on: &'a dyn Fn() -> bool,
-    whole: Option<&'a mut Plane>,
+    whole: bool,
     peaks: &'a mut Vec<Peak>,
 }
 
@@ -378,27 +442,6 @@ impl Kernel for Search<'_> {
     fn run(self) -> bool {
         self.finder.search(self.plane, self.rules, self.keep_on, self.whole, self.peaks)
     }
-}
-
-/// Keeps the highest `most` peaks of a cell, highest first; of equals the earlier.
-fn insert(cell: &mut Vec<Peak>, peak: Peak, most: usize) {
-    let place = cell.partition_point(|p| p.height >= peak.height);
-    if place < most {
-        cell.truncate(most - 1);
-        cell.insert(place, peak);
-    }
-}
-
-/// Whether any sample of a block is above the threshold.
-#[inline(always)]
-fn any_above(block: &[f32; CELL_PX], threshold: f32) -> bool {
-    let mut highest = [f32::MIN; CELL_PX / 4];
-    for quarter in block.chunks_exact(CELL_PX / 4) {
-        for k in 0..CELL_PX / 4 {
-            highest[k] = if quarter[k] > highest[k] { quarter[k] } else { highest[k] };
-        }
-    }
-    highest[0] > threshold || highest[1] > threshold || highest[2] > threshold || highest[3] > threshold
 }
 
 #[cfg(test)]
@@ -434,7 +477,7 @@ mod tests {
             masked,
         };
         let mut peaks = Vec::new();
-        assert!(PeakFinder::default().find(plane, &rules, &|| true, None, &mut peaks));
+        assert!(PeakFinder::default().find(plane, &rules, &|| true, false, &mut peaks));
         peaks.iter().map(|p| (p.x, p.y)).collect()
     }
 
@@ -475,9 +518,9 @@ mod tests {
             threshold_columns: 5,
             masked: &|_, _| false,
         };
-        let (mut peaks, mut whole) = (Vec::new(), Plane::default());
-        assert!(PeakFinder::default().find(&plane, &rules, &|| true, Some(&mut whole), &mut peaks));
-        let worst = whole.pixels.iter().fold(0f32, |worst, e| worst.max(e.abs()));
+        let (mut peaks, mut finder) = (Vec::new(), PeakFinder::default());
+        assert!(finder.find(&plane, &rules, &|| true, true, &mut peaks));
+        let worst = finder.smooth().pixels.iter().fold(0f32, |worst, e| worst.max(e.abs()));
         assert!(worst < 1e-3, "{worst}");
     }
 

@@ -128,8 +128,9 @@ impl Picture for Clipped<'_> {
     fn cut_lines(&self, x: usize, y: usize, lines: Range<usize>, samples: &mut Samples) {
         let excess = self.excess[y / CELL_PX * self.frame.width + x];
         for j in lines {
-            let rows = [0, 1, 2].map(|k| &self.row(y + j + k - HALF - 1)[x - HALF - 1..][..WIDTH + 2]);
-            clip(rows, excess, &mut samples[j]);
+            let (y, x) = (y + j - HALF, x - HALF - 1);
+            let (above, here, below) = (self.row(y - 1), self.row(y), self.row(y + 1));
+            clip([&above[x..][..WIDTH + 2], &here[x..][..WIDTH + 2], &below[x..][..WIDTH + 2]], excess, &mut samples[j]);
             samples[j][WIDTH - 1] = 0.0;
         }
     }

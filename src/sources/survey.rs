@@ -1,6 +1,6 @@
 //! The survey of the wide kernels: in which of them most stands out.
 
-use super::finder::{Finder, Look, rules_cell};
+use super::finder::{Finder, Look};
 use super::kernel::SearchKernel;
 use super::peaks::{Peak, PeakRules};
 use super::trails;
@@ -105,9 +105,8 @@ impl Finder {
         peaks: Vec<Peak>,
     ) -> Survey {
         // Those of a cell come one after the other, the highest first.
-        let cell = rules_cell(look.settings, kernel.search_scale());
         self.peaks.clear();
-        for of_cell in peaks.chunk_by(|a, b| a.cell(cell) == b.cell(cell)) {
+        for of_cell in peaks.chunk_by(|a, b| a.cell == b.cell) {
             self.peaks.extend(of_cell.iter().take(JUDGED_PER_CELL));
         }
         self.measure_peaks(frame, cells, look, kernel);
@@ -126,11 +125,11 @@ impl Finder {
     /// The peaks along every direction, in the smoothed picture of the round kernel just searched with.
     fn find_trails(&self, cells: &CellStatistics, look: &Look<'_>, scale: usize, round: &[Peak]) -> Vec<Trails> {
         let kernel = |direction: usize| SearchKernel::Trail { scale, direction };
-        let masked = look.masked_at(cells, scale);
-        let rules = PeakRules { per_cell: TRAILS_PER_CELL, ..look.rules(kernel(0), &self.smooth, &self.thresholds, &masked) };
-        let found = trails::find(&self.smooth, &rules, round);
+        let (masked, smooth) = (look.masked_at(cells, scale), self.finder.smooth());
+        let rules = PeakRules { per_cell: TRAILS_PER_CELL, ..look.rules(kernel(0), smooth, &self.thresholds, &masked) };
+        let found = trails::find(smooth, &rules, round);
         let trails_of = |(direction, peaks): (usize, Vec<Peak>)| {
-            let highest = peaks.chunk_by(|a, b| a.cell(rules.cell) == b.cell(rules.cell)).filter_map(<[Peak]>::first);
+            let highest = peaks.chunk_by(|a, b| a.cell == b.cell).filter_map(<[Peak]>::first);
             let noise = trails::noise(direction);
             let mut heights: Vec<f32> = highest
                 .map(|peak| (peak.height / (noise * rules.threshold_at(peak.x, peak.y)) - 1.0).min(MOST_PROMISE))

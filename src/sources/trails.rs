@@ -64,7 +64,7 @@ pub fn find(smooth: &Plane, rules: &PeakRules<'_>, round: &[Peak]) -> [Vec<Peak>
     }
     let noise: [f32; DIRECTIONS] = std::array::from_fn(noise);
     let (columns, rows) = (border..smooth.width - border, border..smooth.height - border);
-    for of_cell in round.chunk_by(|a, b| a.cell(rules.cell) == b.cell(rules.cell)) {
+    for of_cell in round.chunk_by(|a, b| a.cell == b.cell) {
         let first = found.each_ref().map(Vec::len);
         for start in of_cell.iter().take(ROUND_PER_CELL).filter(|p| columns.contains(&p.x) && rows.contains(&p.y)) {
             let highest = with_vectors(HighestBeside { smooth, start });
@@ -103,7 +103,8 @@ impl Kernel for HighestBeside<'_> {
             row[..SIDE].copy_from_slice(&smooth.pixels[from..from + SIDE]);
         }
         let row = |j: usize, i: usize| square[j][i..].first_chunk::<LANES>().copied().unwrap_or([0.0; LANES]);
-        ARMS.map(|(dx, dy)| {
+        let mut highest = [Peak { x: 0, y: 0, height: 0.0, cell: start.cell }; DIRECTIONS];
+        for (peak, (dx, dy)) in highest.iter_mut().zip(ARMS) {
             // The highest of each column, chosen without a branch, and then the highest of these.
             let (mut heights, mut rows) = ([f32::MIN; LANES], [0; LANES]);
             for j in 0..TRIED {
@@ -121,8 +122,9 @@ impl Kernel for HighestBeside<'_> {
             for i in 1..TRIED {
                 best = if heights[i] > heights[best] { i } else { best };
             }
-            Peak { x: start.x + best - BESIDE, y: start.y + rows[best] - BESIDE, height: heights[best] }
-        })
+            (peak.x, peak.y, peak.height) = (start.x + best - BESIDE, start.y + rows[best] - BESIDE, heights[best]);
+        }
+        highest
     }
 }
 
@@ -161,9 +163,9 @@ mod tests {
             masked: &|_, _| false,
         };
         for direction in 0..DIRECTIONS {
-            let (mut smooth, mut round) = (Plane::default(), Vec::new());
-            assert!(PeakFinder::default().find(&trail(direction), &rules, &|| true, Some(&mut smooth), &mut round));
-            let found = find(&smooth, &rules, &round);
+            let (mut finder, mut round) = (PeakFinder::default(), Vec::new());
+            assert!(finder.find(&trail(direction), &rules, &|| true, true, &mut round));
+            let found = find(finder.smooth(), &rules, &round);
             let height = |d: usize| {
                 let highest = found[d].iter().max_by(|a, b| a.height.total_cmp(&b.height)).unwrap();
                 assert!(highest.x.abs_diff(60) <= 1 && highest.y.abs_diff(50) <= 1, "{highest:?}");
