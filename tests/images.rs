@@ -344,6 +344,13 @@ fn a_small_file_that_claims_a_huge_image_is_refused() {
     assert!(matches!(png(9_000, 9_000), Problem::Bomb { claimed: 162_000_000, .. }), "{:?}", png(9_000, 9_000));
     assert!(matches!(png(20_000, 20_000), Problem::TooLarge { width: 20_000, height: 20_000 }));
     assert!(matches!(png(40_000, 2), Problem::TooLarge { .. }));
+    // Eight bits a pixel in the file are sixteen in the frame. A JPEG's rows and columns stand in its frame header.
+    let mut jpeg = valid_files().into_iter().find(|(name, _)| *name == "grey8.jpeg").unwrap().1;
+    let header = jpeg.windows(2).position(|marker| marker == [0xff, 0xc0]).unwrap();
+    jpeg[header + 5..header + 7].copy_from_slice(&16_384_u16.to_be_bytes());
+    jpeg[header + 7..header + 9].copy_from_slice(&3_072_u16.to_be_bytes());
+    let problem = read("bomb.jpg", &jpeg).unwrap_err().problem;
+    assert!(matches!(problem, Problem::Bomb { claimed: 100_663_296, .. }), "{problem:?}");
 }
 
 /// One stamp of any kind that can be written.

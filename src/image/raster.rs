@@ -93,11 +93,13 @@ fn finish(
     if let Err(problem) = check_size(width.into(), height.into()) {
         return Ok(Err(problem));
     }
-    let claimed = usize::try_from(decoder.total_bytes()).unwrap_or(usize::MAX);
+    // A frame has two bytes a pixel, whatever the file has.
+    let decoded = usize::try_from(decoder.total_bytes()).unwrap_or(usize::MAX);
+    let claimed = decoded.max((width as usize).saturating_mul(height as usize).saturating_mul(size_of::<u16>()));
     if claimed > ALLOWANCE.max(file.saturating_mul(MAX_EXPANSION)) {
         return Ok(Err(Problem::Bomb { claimed, file }));
     }
-    limits.max_alloc = Some((claimed.saturating_add(ALLOWANCE)) as u64);
+    limits.max_alloc = Some((decoded.saturating_add(ALLOWANCE)) as u64);
     decoder.set_limits(limits)?;
     DynamicImage::from_decoder(decoder).map(Ok)
 }
