@@ -7,6 +7,7 @@
 mod catalog;
 mod config;
 mod demo;
+mod export;
 mod fcp;
 mod font;
 mod memory;
@@ -39,6 +40,7 @@ struct Cli {
 enum Command {
     Catalog(catalog::Args),
     Demo(demo::Args),
+    Export(export::Args),
     Fcp(fcp::Args),
     Render(render::Args),
     Run(run::Args),
@@ -54,6 +56,7 @@ impl Command {
         match self {
             Self::Catalog(args) => args.run(),
             Self::Demo(args) => args.run(),
+            Self::Export(args) => args.run(),
             Self::Fcp(args) => args.run(),
             Self::Render(args) => args.run(),
             Self::Run(args) => args.run(),
