@@ -86,24 +86,28 @@ impl Args {
     }
 }
 
-/// The records named, and those of the directories named, in the order of the times in their names.
+/// The records named, and those of the directories named.
 fn files_of(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for path in paths {
-        if !path.is_dir() {
-            files.push(path.clone());
-            continue;
-        }
-        let listed = fs::read_dir(path).with_context(|| format!("{} cannot be read", path.display()))?;
-        let names = listed.filter_map(Result::ok).map(|entry| entry.file_name().to_string_lossy().into_owned());
-        let mut names: Vec<String> = names.filter(|name| name.starts_with(PREFIX) && name.ends_with(SUFFIX)).collect();
-        if names.is_empty() {
-            bail!("{} has no record, expected {PREFIX}*{SUFFIX}", path.display());
-        }
-        names.sort_by_key(|name| (name.starts_with(UNSET), name.clone()));
-        files.extend(names.iter().map(|name| path.join(name)));
+        if path.is_dir() { files.extend(records_in(path)?) } else { files.push(path.clone()) }
     }
     Ok(files)
+}
+
+/// The records of a directory, in the order of the times in their names.
+///
+/// # Errors
+/// Where the directory cannot be read, or has none.
+pub(super) fn records_in(directory: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let listed = fs::read_dir(directory).with_context(|| format!("{} cannot be read", directory.display()))?;
+    let names = listed.filter_map(Result::ok).map(|entry| entry.file_name().to_string_lossy().into_owned());
+    let mut names: Vec<String> = names.filter(|name| name.starts_with(PREFIX) && name.ends_with(SUFFIX)).collect();
+    if names.is_empty() {
+        bail!("{} has no record, expected {PREFIX}*{SUFFIX}", directory.display());
+    }
+    names.sort_by_key(|name| (name.starts_with(UNSET), name.clone()));
+    Ok(names.iter().map(|name| directory.join(name)).collect())
 }
 
 /// An outcome, and where it stands.

@@ -4,6 +4,7 @@
 //! `Command` and in `Command::run`. Every one exits 0 on success, [`NEGATIVE`] where the work was done and the answer is
 //! negative, and [`WRONG`] with one line on stderr where the call or a file is wrong: for that it returns the error.
 
+mod bundle;
 mod catalog;
 mod config;
 mod demo;
@@ -38,6 +39,7 @@ struct Cli {
 /// What to do.
 #[derive(Debug, Subcommand)]
 enum Command {
+    Bundle(bundle::Args),
     Catalog(catalog::Args),
     Demo(demo::Args),
     Export(export::Args),
@@ -54,6 +56,7 @@ enum Command {
 impl Command {
     fn run(self) -> anyhow::Result<ExitCode> {
         match self {
+            Self::Bundle(args) => args.run(),
             Self::Catalog(args) => args.run(),
             Self::Demo(args) => args.run(),
             Self::Export(args) => args.run(),

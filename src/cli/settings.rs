@@ -47,7 +47,7 @@ fn shown(loaded: &Loaded, diff: bool) -> Vec<&Setting> {
 }
 
 /// One line a setting, and their number at the end.
-fn table(loaded: &Loaded, diff: bool) -> String {
+pub(super) fn table(loaded: &Loaded, diff: bool) -> String {
     let settings = shown(loaded, diff);
     let mut lines = rows(&settings, diff);
     lines.push(count(loaded));

@@ -67,7 +67,7 @@ mod watchman;
 pub use camera::MakeSource;
 pub use clock::{Clock, SimulatedUtc, utc_now};
 pub use codec::{Codec, LinkError};
-pub use file::{FileError, read_file};
+pub use file::{FileError, free_bytes, read_file};
 pub use flight_computer::{STATUS_PERIOD, Seen, Sighting, fly};
 pub use housekeeping::{Measurements, Quantity, Reading, SensorError, is_simulated, read_once};
 pub use index::{IndexOrigin, Prepared, prepare};
