@@ -113,6 +113,13 @@ fn the_columns_are_those_of_the_python_package() {
 #[test]
 fn what_is_no_record_is_refused_by_its_name() {
     let directory = TempDir::new().unwrap();
+    let record = directory.path().join("outcomes-2013-01-01T00-00-00Z-00000001.jsonl");
+    fs::write(&record, "{}\n").unwrap();
+    let output = stars(&["export", path_of(directory.path()), "--out", path_of(&record)]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("is one of the records"), "{}", text(&output.stderr));
+    assert_eq!(fs::read(&record).unwrap(), b"{}\n");
+    fs::remove_file(&record).unwrap();
     for (path, wanted) in
         [(directory.path().to_owned(), "has no record"), (directory.path().join("gone.jsonl"), "cannot be opened")]
     {

@@ -3,7 +3,7 @@
 use super::export::records_in;
 use super::{ConfigArgs, print, settings};
 use crate::catalog::Catalogue;
-use crate::service::{free_bytes, read_file, utc_now};
+use crate::service::{free_bytes, read_file, state_files, utc_now};
 use crate::settings::{Loaded, Settings};
 use crate::wire;
 use anyhow::Context;
@@ -149,19 +149,13 @@ impl Bundle {
         self.put_read("journal.txt", read)
     }
 
-    /// What outlasts a restart; keys that somebody put beside it stay there.
+    /// What outlasts a restart, file by file: keys that somebody put beside it stay there.
     fn state(&mut self, settings: &Settings) -> io::Result<()> {
-        let commands = &settings.commands;
-        if commands.ledger_directory.is_empty() {
-            return Ok(());
-        }
-        let keys: Vec<PathBuf> =
-            [&commands.key_file_1, &commands.key_file_2].into_iter().filter_map(|key| fs::canonicalize(key).ok()).collect();
-        for path in self.files_in(Path::new(&commands.ledger_directory)) {
-            if fs::canonicalize(&path).is_ok_and(|path| !keys.contains(&path)) {
-                let read = read_file(&path, LONGEST_STATE, "a file of the state").map_err(|error| error.to_string());
-                self.put_read(&format!("state/{}", file_name(&path)), read)?;
-            }
+        let directory = &settings.commands.ledger_directory;
+        let files = if directory.is_empty() { Vec::new() } else { state_files(Path::new(directory)) };
+        for path in files {
+            let read = read_file(&path, LONGEST_STATE, "a file of the state").map_err(|error| error.to_string());
+            self.put_read(&format!("state/{}", file_name(&path)), read)?;
         }
         Ok(())
     }

@@ -54,6 +54,12 @@ impl Args {
     /// Writes the table.
     pub fn run(self) -> anyhow::Result<ExitCode> {
         let files = files_of(&self.paths)?;
+        if let Some(out) = &self.out
+            && let Ok(there) = fs::canonicalize(out)
+            && files.iter().any(|file| fs::canonicalize(file).is_ok_and(|file| file == there))
+        {
+            bail!("--out {} is one of the records, expected another file", out.display());
+        }
         let mut columns = BTreeSet::new();
         let rows = if self.sources { source_rows } else { image_rows };
         each_line(&files, |outcome| columns.extend(rows(outcome).into_iter().flat_map(Row::into_keys)), |_| {})?;

@@ -109,6 +109,20 @@ mod tests {
     use super::*;
 
     #[test]
+    fn the_step_of_values_is_that_of_the_sensor_whatever_lies_beyond_the_level() {
+        // Values in steps of 16 from 800 on, and one far above.
+        let pixels = (0..200 * 200).map(|n| 800 + 16 * (n % 37)).collect();
+        let mut frame = Frame::new(200, 200, pixels, RowOrder::TopFirst).unwrap();
+        frame.pixels[0] = 9000;
+        let mut meter = LevelMeter::default();
+        let level = meter.level(&frame, 9000);
+        assert_eq!(meter.step_adu((level.low, level.high)), 16.0, "{level:?}");
+        let flat = Frame::new(200, 200, vec![800; 200 * 200], RowOrder::TopFirst).unwrap();
+        meter.level(&flat, 800);
+        assert_eq!(meter.step_adu((700, 900)), 0.0);
+    }
+
+    #[test]
     fn the_outer_hundredths_are_left_out() {
         // 200 × 200 px give 2500 counted ones: 30 dark and 30 bright, the rest from 1000 to 1099.
         let mut frame = Frame::new(200, 200, vec![0; 40_000], RowOrder::TopFirst).unwrap();

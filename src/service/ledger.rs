@@ -34,9 +34,12 @@ pub type Handle = mpsc::Sender<Keep>;
 /// What is kept, on disk: the counters of sixteen computers' last four boots have room.
 pub type Ledger = Twin<Kept>;
 
+/// Name of its files.
+pub const NAME: &str = "kept";
+
 /// Opens the ledger of a directory; see [`Twin::open`].
 pub fn open(directory: &Path) -> (Ledger, Option<Kept>, Vec<String>) {
-    Twin::open(directory, "kept")
+    Twin::open(directory, NAME)
 }
 
 /// The ledger's actor.

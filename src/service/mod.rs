@@ -97,7 +97,7 @@ use pulse::Pulse;
 use runs::{Asked, Runs};
 use session::{Shared, Strangers};
 use std::net::{IpAddr, SocketAddr};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -414,6 +414,11 @@ fn announce(address: SocketAddr, settings: &Settings, run: Run, kept: &Kept) {
 }
 
 /// The ledger, what it kept, and in what state that was found; none where the settings name no directory.
+/// The files of a directory that outlast a restart, whether they are there or not; what else lies beside them is not ours.
+pub fn state_files(directory: &Path) -> Vec<PathBuf> {
+    [ledger::NAME, runs::NAME].into_iter().flat_map(|name| twin::files(directory, name)).collect()
+}
+
 fn open_ledger(directory: &str) -> (Option<Ledger>, Kept, Found) {
     if directory.is_empty() {
         return (None, Kept::default(), Found::Nothing);

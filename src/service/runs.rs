@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::Path;
 
+/// Name of the files of the runs.
+pub const NAME: &str = "runs";
 /// Where Linux tells one start of the machine from another.
 const MACHINE_BOOT: &str = "/proc/sys/kernel/random/boot_id";
 
@@ -52,7 +54,7 @@ impl Runs {
     }
 
     fn begin_on(directory: &Path, machine: &str) -> (Self, Run, Vec<String>) {
-        let (mut twin, last, mut complaints) = Twin::<Mark>::open(directory, "runs");
+        let (mut twin, last, mut complaints) = Twin::<Mark>::open(directory, NAME);
         let last_end = last.as_ref().map(|mark| match mark.ended {
             Some(Asked::Here) => LastEnd::Clean,
             Some(Asked::Commanded) => LastEnd::Commanded,

@@ -57,7 +57,7 @@ impl<T: Serialize + DeserializeOwned> Twin<T> {
     }
 
     fn path(&self, place: usize) -> PathBuf {
-        self.directory.join(format!("{}.{place}", self.name))
+        path(&self.directory, self.name, place)
     }
 
     /// Writes the value into both files, and waits until the disk has it. One copy is enough to go on with.
@@ -83,6 +83,15 @@ impl<T: Serialize + DeserializeOwned> Twin<T> {
         file.write_all(bytes)?;
         file.sync_data()
     }
+}
+
+/// The files of a value of this name in a directory.
+pub(super) fn files(directory: &Path, name: &str) -> impl Iterator<Item = PathBuf> {
+    (0..COPIES).map(move |place| path(directory, name, place))
+}
+
+fn path(directory: &Path, name: &str, place: usize) -> PathBuf {
+    directory.join(format!("{name}.{place}"))
 }
 
 fn encode(number: u64, value: &impl Serialize) -> io::Result<Vec<u8>> {
