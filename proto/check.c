@@ -359,6 +359,27 @@ static void print_command_reply(const stars_command_reply_t *m)
     printf("}");
 }
 
+static void print_peer_clock(const stars_peer_clock_t *m)
+{
+    printf("{\"flight_computer\": ");
+    {
+        printf("%lu", (unsigned long)m->flight_computer);
+    }
+    printf(", \"offset_s\": ");
+    {
+        printf("%.17g", (double)m->offset_s);
+    }
+    printf(", \"sigma_s\": ");
+    {
+        printf("%.17g", (double)m->sigma_s);
+    }
+    printf(", \"age_s\": ");
+    {
+        printf("%.17g", (double)m->age_s);
+    }
+    printf("}");
+}
+
 static void print_update(const stars_update_t *m)
 {
     printf("{\"sequence\": ");
@@ -1651,6 +1672,83 @@ static void print_update(const stars_update_t *m)
     else
     {
         printf("%.17g", (double)m->last_restart_age_s);
+    }
+    printf(", \"series_known\": ");
+    {
+        printf(m->series_known ? "true" : "false");
+    }
+    printf(", \"missing_packets\": ");
+    if (!(m->series_known))
+        printf("null");
+    else
+    {
+        printf("%lu", (unsigned long)m->missing_packets);
+    }
+    printf(", \"missed_images\": ");
+    if (!(m->series_known))
+        printf("null");
+    else
+    {
+        printf("%lu", (unsigned long)m->missed_images);
+    }
+    printf(", \"start_known\": ");
+    {
+        printf(m->start_known ? "true" : "false");
+    }
+    printf(", \"start_ra_deg\": ");
+    if (!(m->series_known && m->start_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->start_ra_deg);
+    }
+    printf(", \"start_dec_deg\": ");
+    if (!(m->series_known && m->start_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->start_dec_deg);
+    }
+    printf(", \"start_roll_deg\": ");
+    if (!(m->series_known && m->start_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->start_roll_deg);
+    }
+    printf(", \"start_sigma_east_arcsec\": ");
+    if (!(m->series_known && m->start_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->start_sigma_east_arcsec);
+    }
+    printf(", \"start_sigma_north_arcsec\": ");
+    if (!(m->series_known && m->start_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->start_sigma_north_arcsec);
+    }
+    printf(", \"start_before_middle_s\": ");
+    if (!(m->series_known && m->start_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->start_before_middle_s);
+    }
+    printf(", \"clocks_count\": ");
+    {
+        printf("%lu", (unsigned long)m->clocks_count);
+    }
+    printf(", \"clocks\": ");
+    {
+        printf("[");
+        for (size_t i = 0; i < m->clocks_count; i++) {
+        printf(i ? ", " : "");
+        print_peer_clock(&m->clocks[i]);
+        }
+        printf("]");
     }
     printf("}");
 }

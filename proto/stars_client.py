@@ -22,7 +22,7 @@ import zlib
 
 SYNC = bytes([0x1A, 0xCF, 0xFC, 0x1D])
 MAX_FRAME = 64 * 1024
-VERSION_MIN = VERSION_CURRENT = 2
+VERSION_MIN = VERSION_CURRENT = 3
 PORT = 2017
 STATUS_PERIOD_S = 0.5
 SILENCE_S = 5.0
@@ -58,7 +58,7 @@ CODES = {
         "overexposed", "saturated", "no_contrast", "out_of_focus", "trailed", "clouds", "too_few_stars",
         "too_many_artefacts", "wrong_platescale", "mirrored", "wrong_prior", "lens_covered",
     ],
-    "mode": ["normal", "robust"],
+    "mode": ["normal", "robust", "motion"],
     "last_end": ["clean", "commanded", "crashed", "computer_restarted"],
     "found": ["nothing", "whole", "one_copy", "damaged"],
     "actor": ["camera", "lens", "solver", "hub", "recorder", "ledger", "listener", "session", "housekeeping", "legacy_listener",
@@ -319,6 +319,25 @@ LAYOUTS = {
         last_restart ?B=actor
         last_restart_reason 64s
         last_restart_age_s ?d
+        series ?{
+            missing_packets I
+            missed_images I
+            start ?{
+                start_ra_deg d
+                start_dec_deg d
+                start_roll_deg d
+                start_sigma_east_arcsec d
+                start_sigma_north_arcsec d
+                start_before_middle_s d
+            }
+        }
+        clocks_count B
+        clocks 2{
+            flight_computer B
+            offset_s d
+            sigma_s d
+            age_s d
+        }
     """),
     5: ("gyro", """
         trigger_counter I

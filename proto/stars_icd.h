@@ -26,8 +26,8 @@
 
 #define STARS_PORT 2017
 #define STARS_VERSION_MIN 1
-#define STARS_VERSION_CURRENT 2
-#define STARS_SCHEMA_HASH UINT32_C(0xee68e5ac)
+#define STARS_VERSION_CURRENT 3
+#define STARS_SCHEMA_HASH UINT32_C(0xcd897c2c)
 #define STARS_SYNC UINT32_C(0x1dfccf1a)
 #define STARS_MAX_FRAME 65536
 
@@ -416,6 +416,19 @@ STARS_ASSERT(offsetof(stars_command_reply_t, why) == 12, "stars_command_reply_t.
 STARS_ASSERT(offsetof(stars_command_reply_t, reply_age_s) == 13, "stars_command_reply_t.reply_age_s");
 STARS_ASSERT(offsetof(stars_command_reply_t, words) == 21, "stars_command_reply_t.words");
 
+/* One computer's clock. */
+typedef struct STARS_PACKED {
+    uint8_t flight_computer; /* Whose, by the `id` of its hello. */
+    double offset_s; /* Its clock minus the camera's, by the soonest of its statuses of the last minute: what every status takes is in it. [s] */
+    double sigma_s; /* What its statuses usually take longer than the soonest. [s] */
+    double age_s; /* Age of the last of them. [s] */
+} stars_peer_clock_t;
+STARS_ASSERT(sizeof(stars_peer_clock_t) == 25, "stars_peer_clock_t");
+STARS_ASSERT(offsetof(stars_peer_clock_t, flight_computer) == 0, "stars_peer_clock_t.flight_computer");
+STARS_ASSERT(offsetof(stars_peer_clock_t, offset_s) == 1, "stars_peer_clock_t.offset_s");
+STARS_ASSERT(offsetof(stars_peer_clock_t, sigma_s) == 9, "stars_peer_clock_t.sigma_s");
+STARS_ASSERT(offsetof(stars_peer_clock_t, age_s) == 17, "stars_peer_clock_t.age_s");
+
 /* Everything that the camera tells a flight computer, every 0.5 s on a steady schedule. */
 typedef struct STARS_PACKED {
     uint32_t sequence; /* Counts the updates of this connection, from 0. */
@@ -494,7 +507,7 @@ typedef struct STARS_PACKED {
     uint8_t cause_known; /* Whether `cause` is known. */
     uint8_t cause; /* What the image's own evidence says was wrong. */
     char detail[120]; /* The reason in words, cut where it is longer. */
-    uint8_t mode; /* How sources were searched for. */
+    uint8_t mode; /* How sources were searched for. Before version 3 along a motion is told as robust. */
     uint8_t statistics_known; /* Whether the fields that need it are known. Statistics, where the image was looked at. */
     double mean_adu; /* Mean of the cells' means. [ADU] */
     double noise_adu; /* Median of the cells' standard deviations. [ADU] */
@@ -655,8 +668,20 @@ typedef struct STARS_PACKED {
     char last_restart_reason[64]; /* Why it had ended, cut where it is longer; empty where nothing was started again. */
     uint8_t last_restart_age_s_known; /* Whether `last_restart_age_s` is known. */
     double last_restart_age_s; /* Time since then. [s] */
+    uint8_t series_known; /* Whether the fields that need it are known. The series of exposures that the last image is made of. From version 3 on. */
+    uint32_t missing_packets; /* Packets of the image that never came from the camera: where they belong its pixels are 0. */
+    uint32_t missed_images; /* Images that the camera took before this one and that never came. */
+    uint8_t start_known; /* Whether the fields that need it are known. The pointing at the start of the series, where the motion during it is known; that of the image is of the middle of its light. */
+    double start_ra_deg; /* Right ascension of the boresight, ICRS. [deg] */
+    double start_dec_deg; /* Declination of the boresight, ICRS. [deg] */
+    double start_roll_deg; /* Position angle of the image's up direction, from North through East. [deg] */
+    double start_sigma_east_arcsec; /* One standard deviation towards East, on the sky. [arcsec] */
+    double start_sigma_north_arcsec; /* One standard deviation towards North. [arcsec] */
+    double start_before_middle_s; /* From the start to the middle of the light. [s] */
+    uint8_t clocks_count; /* How many of the clocks below are known. */
+    stars_peer_clock_t clocks[2]; /* The clocks. */
 } stars_update_t;
-STARS_ASSERT(sizeof(stars_update_t) == 4574, "stars_update_t");
+STARS_ASSERT(sizeof(stars_update_t) == 4683, "stars_update_t");
 STARS_ASSERT(offsetof(stars_update_t, sequence) == 0, "stars_update_t.sequence");
 STARS_ASSERT(offsetof(stars_update_t, boot_id) == 4, "stars_update_t.boot_id");
 STARS_ASSERT(offsetof(stars_update_t, uptime_s) == 8, "stars_update_t.uptime_s");
@@ -894,6 +919,18 @@ STARS_ASSERT(offsetof(stars_update_t, last_restart) == 4500, "stars_update_t.las
 STARS_ASSERT(offsetof(stars_update_t, last_restart_reason) == 4501, "stars_update_t.last_restart_reason");
 STARS_ASSERT(offsetof(stars_update_t, last_restart_age_s_known) == 4565, "stars_update_t.last_restart_age_s_known");
 STARS_ASSERT(offsetof(stars_update_t, last_restart_age_s) == 4566, "stars_update_t.last_restart_age_s");
+STARS_ASSERT(offsetof(stars_update_t, series_known) == 4574, "stars_update_t.series_known");
+STARS_ASSERT(offsetof(stars_update_t, missing_packets) == 4575, "stars_update_t.missing_packets");
+STARS_ASSERT(offsetof(stars_update_t, missed_images) == 4579, "stars_update_t.missed_images");
+STARS_ASSERT(offsetof(stars_update_t, start_known) == 4583, "stars_update_t.start_known");
+STARS_ASSERT(offsetof(stars_update_t, start_ra_deg) == 4584, "stars_update_t.start_ra_deg");
+STARS_ASSERT(offsetof(stars_update_t, start_dec_deg) == 4592, "stars_update_t.start_dec_deg");
+STARS_ASSERT(offsetof(stars_update_t, start_roll_deg) == 4600, "stars_update_t.start_roll_deg");
+STARS_ASSERT(offsetof(stars_update_t, start_sigma_east_arcsec) == 4608, "stars_update_t.start_sigma_east_arcsec");
+STARS_ASSERT(offsetof(stars_update_t, start_sigma_north_arcsec) == 4616, "stars_update_t.start_sigma_north_arcsec");
+STARS_ASSERT(offsetof(stars_update_t, start_before_middle_s) == 4624, "stars_update_t.start_before_middle_s");
+STARS_ASSERT(offsetof(stars_update_t, clocks_count) == 4632, "stars_update_t.clocks_count");
+STARS_ASSERT(offsetof(stars_update_t, clocks) == 4633, "stars_update_t.clocks");
 
 /* One exposure of a series. */
 typedef struct STARS_PACKED {

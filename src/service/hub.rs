@@ -19,6 +19,7 @@ use crate::command::{
 };
 use crate::lens::autofocus;
 use crate::settings::Settings;
+use crate::sky::ClockComparison;
 use crate::solve::Reason;
 use crate::wire::{Commands, Status};
 use std::sync::Arc;
@@ -231,7 +232,7 @@ impl Hub {
         }
         let now = Instant::now();
         state.peers.retain(|peer| peer.computer != computer);
-        state.peers.push(Peer { computer, boot, connection, connected: now, status: None });
+        state.peers.push(Peer { computer, boot, connection, connected: now, status: None, clock: ClockComparison::default() });
         state.desk.begin(self.clock.uptime(), computer, boot);
         self.arbitrate(state, Event::Connected { computer, boot }, now);
     }
@@ -250,6 +251,10 @@ impl Hub {
         state.heard = at;
         let claims = status.claims_charge;
         let observer = status.observer();
+        if let (Some(ours), Some(theirs)) = (self.clock.utc().0, status.clock.clock_unix_s.get()) {
+            let since = at.elapsed();
+            peer.clock.note(self.clock.tick(at), ours.unix_s() - since.as_secs_f64(), *theirs);
+        }
         peer.status = Some((Arc::from(status), at));
         self.arbitrate(state, Event::Status { from: computer, claims, uptime, hears_us }, Instant::now());
         if state.in_charge().is_some_and(|lease| lease.computer == computer)

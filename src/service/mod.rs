@@ -38,6 +38,7 @@ mod housekeeping;
 mod hub;
 mod inbox;
 mod index;
+mod keeper;
 mod kept;
 mod keys;
 mod ledger;

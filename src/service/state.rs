@@ -11,7 +11,7 @@ use crate::image::{ImageCounter, TriggerCounter};
 use crate::lens::autofocus::{Autofocus, AutofocusRules, AutofocusStatus};
 use crate::lens::{AperturePosition, Doubt, FocusCounts, FocusKept, LensCommand, LensState, RequestCounter};
 use crate::settings::{CameraKind, LensKind, ObserverSettings, Settings};
-use crate::sky::Observer;
+use crate::sky::{ClockComparison, Observer};
 use crate::solve::{Outcome, Prior, Report};
 use crate::wire::Status;
 use crate::wire::legacy::Picture;
@@ -171,6 +171,8 @@ pub struct Peer {
     pub connected: Instant,
     /// Its last status, and when it came.
     pub status: Option<(Arc<Status>, Instant)>,
+    /// Its clock.
+    pub clock: ClockComparison,
 }
 
 /// What happened since the start.

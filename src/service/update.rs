@@ -36,6 +36,8 @@ pub fn compose(state: &State, shared: &Shared, computer: FlightComputer, sequenc
         lens: wire::Lens::new(&state.lens, state.lens_requests.len()),
         focus: wire::Focus::new(&state.autofocus),
         health: housekeeping::health(state, now),
+        series: state.latest.as_ref().map(|finished| wire::Series::new(&finished.report)).into(),
+        clocks: clocks(state, shared),
     }
 }
 
@@ -124,6 +126,11 @@ fn counters(counters: &Counters, solving: bool) -> wire::Counters {
         links_refused: of_the_peer.into_iter().map(closed).fold(0, u32::saturating_add).into(),
         solving,
     }
+}
+
+fn clocks(state: &State, shared: &Shared) -> wire::Clocks {
+    let now = shared.clock.uptime();
+    wire::Clocks::new(state.peers.iter().filter_map(|peer| Some((peer.computer.0, peer.clock.offset(now)?))))
 }
 
 fn image(state: &State, shared: &Shared, now: Instant) -> Option<Image> {

@@ -1,18 +1,19 @@
 //! The watchman: makes the actors, each with its inbox, and puts them under the supervisor.
 
-use super::archive::{self, Archive, Backlog};
+use super::archive::{self, Images};
 use super::camera::{self, CameraActor, MakeSource};
 use super::clock::Clock;
 use super::housekeeping::{self, Housekeeper};
 use super::hub;
 use super::inbox;
+use super::keeper::Keeper;
 use super::ledger::{self, Ledger, LedgerActor};
 use super::left_behind::LeftBehind;
 use super::legacy::LegacyListener;
 use super::lens::{self, Handle as LensHandle, LensActor, SimulatedLens};
 use super::listener::Listener;
 use super::pulse::Pulse;
-use super::recorder::{self, Lines, Recorder};
+use super::recorder::{self, Lines};
 use super::solver::{self, MakeSolver, SolverActor};
 use super::state::{Actor, Disk, State};
 use super::store::{Store, StoreRules};
@@ -77,10 +78,10 @@ impl Watchman {
             return None;
         }
         let (to_recorder, inbox) = inbox::channel(RECORDER_INBOX);
-        let actor = Recorder {
+        let actor = Keeper {
             inbox,
             hub: self.hub.clone(),
-            lines: Lines::new(Path::new(&record.directory).join(recorder::file_name(&self.clock))),
+            backlog: Lines::new(Path::new(&record.directory).join(recorder::file_name(&self.clock))),
             queue: record.queue_frames as usize,
             backoff: Backoff::new(&self.settings.service),
             stop: stage.stop.clone(),
@@ -106,8 +107,8 @@ impl Watchman {
             };
             let queue = record.queue_images as usize;
             let (hub, backoff, stop) = (self.hub.clone(), Backoff::new(&self.settings.service), stage.stop.clone());
-            let backlog = Backlog::new(Store::new(rules));
-            let actor = Archive { inbox, hub, disk, backlog, queue, backoff, stop };
+            let backlog = Images::new(disk, Store::new(rules));
+            let actor = Keeper { inbox, hub, backlog, queue, backoff, stop };
             self.keep(stage, Actor::Archive, move |pulse| actor.clone().run(pulse));
             (disk, to_archive)
         };

@@ -11,6 +11,7 @@ mod angle;
 mod apparent;
 mod attitude;
 mod camera;
+mod clocks;
 mod horizontal;
 mod time;
 mod vectors;
@@ -19,6 +20,7 @@ pub use angle::{ARCSEC, DEG, HOUR, direction, ra_dec, separation, wrap_pi, wrap_
 pub use apparent::{Aberration, Refraction, to_equinox_of};
 pub use attitude::Attitude;
 pub use camera::{CameraModel, RowOrder};
+pub use clocks::{ClockComparison, ClockOffset};
 pub use horizontal::{Horizontal, Observer, horizontal_of, precess_from_j2000};
 pub use time::{ClockQuality, Utc};
 pub(crate) use vectors::{Kernel, with_vectors};

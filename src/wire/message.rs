@@ -10,11 +10,25 @@ use std::sync::LazyLock;
 /// Lowest version of the protocol that this program still speaks.
 pub const PROTOCOL_MIN: u8 = 1;
 /// Highest version of the protocol that this program speaks.
-pub const PROTOCOL_CURRENT: u8 = 2;
-/// Bytes of an [`Update`] in version 1; the other bodies of that version are as they were.
+pub const PROTOCOL_CURRENT: u8 = 3;
+/// Bytes of an [`Update`] in versions 1 and 2; the other bodies of these versions are as they were.
 const UPDATE_V1: usize = 1348;
-/// Codes that `last_refusal` has in version 1; later ones are not known there.
-const REFUSALS_V1: u8 = 9;
+const UPDATE_V2: usize = 4574;
+
+/// Codes that a closed list of an [`Update`] has got after its first version.
+struct LaterCodes {
+    field: &'static str,
+    /// The version with the new codes, and the last code before.
+    since: u8,
+    last: u8,
+    /// What stands for them in earlier versions; where there is nothing, the field is not known.
+    instead: Option<u8>,
+}
+
+const LATER_CODES: [LaterCodes; 2] = [
+    LaterCodes { field: "last_refusal", since: 2, last: 9, instead: None },
+    LaterCodes { field: "mode", since: 3, last: 2, instead: Some(2) },
+];
 /// A stream that goes on for this long without one whole frame is none of ours, bytes.
 pub const MAX_GARBAGE: usize = MAX_FRAME;
 
@@ -114,6 +128,7 @@ impl Kind {
         match (version, self) {
             (1, Self::Commands) => None,
             (1, Self::Update) => Some(UPDATE_V1),
+            (2, Self::Update) => Some(UPDATE_V2),
             _ => Some(self.table().size),
         }
     }
@@ -239,8 +254,8 @@ impl Message {
         let kind = self.kind();
         let size = kind.size_in(version).ok_or(WireError::BadVersion(version))?;
         let mut body = self.body()?;
-        if version == 1 {
-            withhold_later_codes(kind.table(), &mut body);
+        if kind == Kind::Update {
+            withhold_later_codes(version, kind.table(), &mut body);
         }
         put_frame(kind as u8, version, body.get(..size).unwrap_or(&body), out)
     }
@@ -283,13 +298,18 @@ impl Message {
     }
 }
 
-/// What version 1 has no code for is not known there.
-fn withhold_later_codes(table: &Table, body: &mut [u8]) {
-    let place = |name: &str| table.fields.iter().find(|field| field.name == name).map(|field| field.offset);
-    let (Some(flag), Some(code)) = (place("last_refusal_known"), place("last_refusal")) else { return };
-    if body.get(code).is_some_and(|code| *code > REFUSALS_V1) {
-        for place in [flag, code] {
-            body.get_mut(place..).into_iter().flatten().take(1).for_each(|byte| *byte = 0);
+/// Has a version say what it has no code for in another way, or not at all.
+fn withhold_later_codes(version: u8, table: &Table, body: &mut [u8]) {
+    for later in LATER_CODES.iter().filter(|later| version < later.since) {
+        let Some(field) = table.fields.iter().find(|field| field.name == later.field) else { continue };
+        let flag = field.flags.last().filter(|_| later.instead.is_none()).and_then(|place| table.fields.get(*place));
+        if body.get(field.offset).is_some_and(|code| *code > later.last) {
+            if let Some(code) = body.get_mut(field.offset) {
+                *code = later.instead.unwrap_or_default();
+            }
+            if let Some(known) = flag.and_then(|flag| body.get_mut(flag.offset)) {
+                *known = 0;
+            }
         }
     }
 }

@@ -10,6 +10,7 @@
 //!
 //! Pure: bytes in, messages out. Uses `settings`, `sky`, `image`, `solve`, `command` and serde, postcard, bytes and crc.
 
+mod clocks;
 mod code;
 mod commands;
 mod element;
@@ -24,11 +25,13 @@ mod layout;
 pub mod legacy;
 mod message;
 mod refuse;
+mod series;
 mod status;
 #[cfg(test)]
 mod tests;
 mod update;
 
+pub use clocks::{Clocks, PeerClock};
 pub use code::{Code, Coded};
 pub use commands::{CommandReply, CommandSlot, Commands, Control, SLOTS};
 pub use element::{Element, I32Le, List, Maybe, Text, U16Le, U32Le};
@@ -42,6 +45,7 @@ pub use message::{
     Kind, MAX_GARBAGE, Message, PROTOCOL_CURRENT, PROTOCOL_MIN, Reader, WireError, decode_all, schema_hash, tables,
 };
 pub use refuse::{Refusal, Refuse};
+pub use series::{Series, SeriesStart};
 pub use status::{EquatorialEstimate, HorizontalEstimate, ObserverPart, Status};
 pub use update::{
     Authority, Camera, Clock, Corrections, Counters, Equatorial, FrameStatistics, HorizontalPart, Housekeeping, Image, Link,

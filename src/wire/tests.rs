@@ -281,6 +281,25 @@ fn a_number_that_broke_inside_is_withheld_and_the_rest_still_goes_out() {
 }
 
 #[test]
+fn a_version_is_told_nothing_that_it_has_no_code_for() {
+    use crate::solve::SearchMode;
+    let image = Image { mode: SearchMode::Motion.into(), ..Image::default() };
+    let mut update = Update { image: Some(image).into(), ..Update::default() };
+    let later = crate::command::Refusal::ALL.iter().copied().last();
+    update.authority.last_refusal = later.into();
+    let message = Message::Update(Box::new(update));
+    for (version, mode, refused) in [(1, SearchMode::Robust, false), (2, SearchMode::Robust, true), (3, SearchMode::Motion, true)]
+    {
+        let mut bytes = BytesMut::new();
+        message.encode_in(version, &mut bytes).unwrap();
+        let read = decode_all(&bytes);
+        let Some(Ok(Message::Update(update))) = read.first() else { panic!("{read:?}") };
+        assert_eq!(update.image.get().and_then(|image| image.mode.get()), Some(mode), "{version}");
+        assert_eq!(update.authority.last_refusal.get().is_some(), refused, "{version}");
+    }
+}
+
+#[test]
 fn every_default_message_can_be_read() {
     let messages = [
         Message::Hello(Box::new(Hello::new(Role::Camera, 1, "north", 1, None))),

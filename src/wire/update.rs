@@ -1,9 +1,11 @@
 //! `Update`: everything that a flight computer is told, twice a second.
 
+use super::clocks::Clocks;
 use super::commands::Control;
 use super::element::body;
 use super::health::Health;
 use super::instrument::{Focus, Lens};
+use super::series::Series;
 use super::status::ObserverPart;
 use super::{Coded, I32Le, List, Maybe, Text, U16Le, U32Le};
 use crate::command::Refusal;
@@ -33,6 +35,10 @@ body! {
         focus: Focus => "";
         /// Ages and limits of the housekeeping's values, restarts and their reasons. From version 2 on.
         health: Health => "";
+        /// The series of exposures that the last image is made of. From version 3 on.
+        series: Maybe<Series> => "";
+        /// How the flight computers' clocks stand against the camera's. From version 3 on.
+        clocks: Clocks => "";
     }
 }
 
@@ -181,7 +187,7 @@ body! {
         cause: Maybe<Coded<Cause>> => "";
         /// The reason in words, cut where it is longer.
         detail: Text<120> => "";
-        /// How sources were searched for.
+        /// How sources were searched for. Before version 3 along a motion is told as robust.
         mode: Coded<SearchMode> => "";
         /// Statistics, where the image was looked at.
         statistics: Maybe<FrameStatistics> => "";

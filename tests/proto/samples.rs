@@ -124,7 +124,26 @@ fn update(image: Option<Image>) -> Update {
         lens: if known { lens() } else { Lens::default() },
         focus: if known { focus() } else { Focus::default() },
         health: if known { health() } else { Health::default() },
+        series: known.then(series).into(),
+        clocks: if known { clocks() } else { Clocks::default() },
     }
+}
+
+fn clocks() -> Clocks {
+    let clock = |flight_computer: u8, offset_s: f64| PeerClock { flight_computer, offset_s, sigma_s: 0.0625, age_s: 0.3125 };
+    Clocks { clocks_count: 2, clocks: List::from_slice(&[clock(1, -0.015625), clock(2, 31_536_000.5)]) }
+}
+
+fn series() -> Series {
+    let start = SeriesStart {
+        start_ra_deg: 136.571_25,
+        start_dec_deg: -43.953_125,
+        start_roll_deg: -165.75,
+        start_sigma_east_arcsec: 1.625,
+        start_sigma_north_arcsec: 2.375,
+        start_before_middle_s: 0.4375,
+    };
+    Series { missing_packets: 70_012.into(), missed_images: 70_013.into(), start: Some(start).into() }
 }
 
 fn health() -> Health {

@@ -2,8 +2,9 @@
 
 use crate::support::*;
 use futures_util::SinkExt;
-use stars::service::{Closed, Running};
-use stars::wire::{Message, PROTOCOL_CURRENT, Refusal, Status};
+use stars::service::{Closed, Running, utc_now};
+use stars::sky::{ClockQuality, Utc};
+use stars::wire::{Clock, Message, PROTOCOL_CURRENT, Refusal, Status};
 use std::time::Duration;
 use tokio::io::AsyncWriteExt;
 use tokio::time::Instant;
@@ -162,6 +163,33 @@ async fn another_version_is_refused_with_the_versions_that_are_spoken() {
     assert_eq!(refuse.refusal.get(), Some(Refusal::NoCommonVersion));
     assert_eq!(refuse.version_current, PROTOCOL_CURRENT);
     assert_eq!(closed(&running, Closed::Refused).await, 1);
+}
+
+#[tokio::test]
+async fn every_computer_is_told_how_its_clock_and_the_others_stand_against_the_cameras() {
+    let running = start_without_camera(settings()).await;
+    let mut ahead = Peer::connect(running.address).await.greet(1).await;
+    let mut behind = Peer::connect(running.address).await.greet(2).await;
+    // One is set a year wrong; nothing but its offset is to change.
+    let year = 365.25 * 86_400.0;
+    let says = |offset_s: f64| {
+        let unix_s = utc_now().0.unwrap().unix_s() + offset_s;
+        Status { clock: Clock::new(Utc::from_unix(unix_s), ClockQuality::FreeRunning), ..claim() }
+    };
+    for _ in 0..4 {
+        ahead.status(says(5.5)).await;
+        behind.status(says(-year)).await;
+        ahead.update().await;
+        behind.update().await;
+    }
+    for (peer, offset_s) in [(&mut ahead, 5.5), (&mut behind, -year)] {
+        peer.status(says(offset_s)).await;
+        let clocks = peer.update().await.clocks;
+        let told: Vec<_> = clocks.clocks.as_slice().iter().take(clocks.clocks_count.into()).collect();
+        assert_eq!(told.iter().map(|clock| clock.flight_computer).collect::<Vec<_>>(), [1, 2]);
+        assert!((told[0].offset_s - 5.5).abs() < 0.3 && (told[1].offset_s + year).abs() < 0.3, "{told:?}");
+        assert!(told.iter().all(|clock| clock.sigma_s < 0.3 && clock.age_s < 5.0), "{told:?}");
+    }
 }
 
 #[tokio::test]
