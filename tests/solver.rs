@@ -113,12 +113,14 @@ fn a_faint_trail_in_two_pieces_of_which_one_does_not_show_is_not_served_as_the_w
     let Rendered { frame, truth } = render(&spec, solver.catalogue()).unwrap();
     let outcome = solve(&mut solver, &frame);
     // Its brightest piece alone is a good match, 68″ from the middle of the path.
-    if let Some(solution) = &outcome.solution {
-        let off = separation(&truth.attitude.unwrap().boresight(), &solution.attitude.boresight());
-        let sigma = ((solution.covariance[(0, 0)] + solution.covariance[(1, 1)]) / 2.0).sqrt();
-        assert!(off < 6.0 * sigma, "{:.1}″ off, σ {:.1}″", off / ARCSEC, sigma / ARCSEC);
-    }
-    assert_eq!(outcome.cause, Some(Cause::Trailed), "{}", outcome.detail);
+    let Some(solution) = &outcome.solution else {
+        assert_eq!(outcome.cause, Some(Cause::Trailed), "{}", outcome.detail);
+        return;
+    };
+    let off = separation(&truth.attitude.unwrap().boresight(), &solution.attitude.boresight());
+    let sigma = ((solution.covariance[(0, 0)] + solution.covariance[(1, 1)]) / 2.0).sqrt();
+    println!("{:.1}″ off, σ {:.1}″", off / ARCSEC, sigma / ARCSEC);
+    assert!(off < 6.0 * sigma, "{:.1}″ off, σ {:.1}″", off / ARCSEC, sigma / ARCSEC);
 }
 
 #[test]
@@ -215,6 +217,18 @@ fn sharp_stars_that_a_wide_kernel_finds_are_measured_in_the_picture_itself() {
 }
 
 #[test]
+fn a_fit_that_is_too_poor_is_made_again_by_the_sources_of_another_search() {
+    // Discs whose pieces the normal search takes for stars: enough to know them by, not to tell the boresight well.
+    let Rendered { frame, truth, .. } = render(&RenderSpec::new(Kind::Defocus, 20261, 54), solver().catalogue()).unwrap();
+    let with = |robust: bool| solve(&mut solver_with(|s| s.solver.robust = robust), &frame);
+    let poor = with(false);
+    assert!(poor.reason == Reason::Requirement && poor.detail.starts_with("pointing_error"), "{} {}", poor.reason, poor.detail);
+    let solution = with(true).solution.unwrap();
+    let error = separation(&solution.attitude.boresight(), &truth.attitude.unwrap().boresight());
+    assert!(error < 3.0 * solution.sigmas().x.hypot(solution.sigmas().y), "{}″", error / ARCSEC);
+}
+
+#[test]
 fn two_threads_end_as_one_does_and_obey_a_stop() {
     let (mut one, mut two) = (solver(), solver_with(|s| s.solver.threads = 2));
     let kinds = [Kind::Float, Kind::Gradient, Kind::Defocus30, Kind::Motion, Kind::Motion, Kind::Saturated, Kind::NoStars];
@@ -301,7 +315,12 @@ fn every_requirement_refuses_by_its_name_just_beyond_its_limit() {
     ];
     for (name, change) in &cases {
         assert_eq!(with_requirement(|s| change(s, -M), Some(observer)).0, Reason::Solved, "{name} inside");
-        let (reason, detail) = with_requirement(|s| change(s, M), Some(observer));
+        // One search alone: another one's fit may be the better by more than the margin.
+        let alone = |s: &mut Settings| {
+            s.solver.robust = false;
+            change(s, M);
+        };
+        let (reason, detail) = with_requirement(alone, Some(observer));
         assert_eq!(reason, Reason::Requirement, "{name} outside");
         assert!(detail.starts_with(name), "{detail}");
     }

@@ -3,6 +3,7 @@
 #![allow(clippy::indexing_slicing, reason = "a numeric kernel: a cell's number is below the size by construction")]
 
 use super::cache::{FieldFileError, Loader, Saver, sane};
+use super::pages::in_large_pages;
 use super::{FieldStars, Pace};
 use crate::sky::Vec3;
 use std::io;
@@ -43,7 +44,10 @@ impl SkyBitmap {
     fn empty(tolerance: f64) -> Self {
         // Cells no smaller than the discs, so that the nine points above touch every cell that a disc does.
         let side = (std::f64::consts::FRAC_PI_2 / (1.5 * tolerance)).clamp(8.0, MAX_SIDE) as usize;
-        Self { side, words: vec![0; (6 * side * side).div_ceil(64)] }
+        let count = (6 * side * side).div_ceil(64);
+        let mut words = in_large_pages(count);
+        words.resize(count, 0);
+        Self { side, words }
     }
 
     /// Writes the bits; the side follows from the tolerance.

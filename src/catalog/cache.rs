@@ -14,6 +14,7 @@
 //! What follows from the key is not in the file. No list is given memory before the file is known to be long enough for it, and none
 //! of a field that was read points out of another, whatever the file says.
 
+use super::pages::in_large_pages;
 use super::{Field, FieldKey, FieldStars, SkyBitmap, TriangleIndex};
 use crate::sky::Vec3;
 use crc32fast::Hasher;
@@ -175,7 +176,7 @@ impl Loader<'_> {
             return Err(self.missing());
         }
         let mut left = count as usize;
-        let mut items = Vec::with_capacity(left);
+        let mut items = in_large_pages(left);
         let mut chunk = std::mem::take(&mut self.chunk);
         while left > 0 {
             let count = left.min(CHUNK_BYTES / N);

@@ -12,6 +12,7 @@ mod grid;
 mod key;
 mod names;
 mod pace;
+mod pages;
 mod sky_field;
 mod triangles;
 

@@ -8,6 +8,7 @@
 #![allow(clippy::indexing_slicing, reason = "a numeric kernel: every index is made from the lists' own lengths")]
 
 use super::cache::{FieldFileError, Loader, Saver, are_offsets, direction_bytes, is_direction, read_direction, sane};
+use super::pages::in_large_pages;
 use super::{Density, FieldGeometry, FieldStars, Pace, SkyGrid, field::rank_limit};
 use crate::sky::{Kernel, Vec3, with_vectors};
 use std::io;
@@ -120,7 +121,8 @@ impl TriangleIndex {
         let limit = f64::from(rank_limit(density.stars_per_field));
         let (faintest, together) = ((FAINTEST_CORNER * limit) as u8, (CORNERS_TOGETHER * limit) as u8);
         let stars = || field.stars.iter().filter(|s| s.rank <= faintest);
-        let directions: Vec<Vec3> = stars().map(|s| s.direction).collect();
+        let mut directions = in_large_pages(stars().count());
+        directions.extend(stars().map(|s| s.direction));
         let ranks: Vec<u8> = stars().map(|s| s.rank).collect();
         let (neighbours, first_neighbour) = find_neighbours(&directions, &ranks, together, sides(density, geometry).1, pace)?;
         let mut index = Self { directions, neighbours, first_neighbour, ..Self::empty(density, geometry) };
@@ -134,13 +136,16 @@ impl TriangleIndex {
     fn empty(density: &Density, geometry: &FieldGeometry) -> Self {
         let sides = sides(density, geometry);
         let log_bins = ((sides.1 / sides.0).ln() * LOG_BINS) as usize + 1;
+        let bins = X_BINS * Y_BINS * log_bins + 1;
+        let mut offsets = in_large_pages(bins);
+        offsets.resize(bins, 0);
         Self {
             directions: Vec::new(),
             neighbours: Vec::new(),
             first_neighbour: Vec::new(),
             sides,
             log_bins,
-            offsets: vec![0; X_BINS * Y_BINS * log_bins + 1],
+            offsets,
             entries: Vec::new(),
         }
     }
@@ -281,7 +286,7 @@ impl TriangleIndex {
     /// goes, stays in the processor's cache, and each list is gone before the next one needs the memory.
     fn sort(&mut self, columns: Vec<Vec<Unsorted>>, pace: &mut Pace<'_>) -> Option<()> {
         let bins = Y_BINS * self.log_bins;
-        self.entries.reserve_exact(columns.iter().map(Vec::len).sum());
+        self.entries = in_large_pages(columns.iter().map(Vec::len).sum());
         self.offsets.clear();
         for column in columns {
             pace.step(column.len() / ENTRIES_PER_STEP)?;
@@ -472,7 +477,10 @@ fn find_neighbours(
         neighbours.extend(near.iter().take(MAX_NEIGHBOURS).map(|&(_, b)| b));
         first.push(neighbours.len() as u32);
     }
-    Some((neighbours, first))
+    // How many there are was not known before.
+    let mut packed = in_large_pages(neighbours.len());
+    packed.append(&mut neighbours);
+    Some((packed, first))
 }
 
 /// Shape of the triangle with the longest side A–B and third corner C: x, y and the chord |AB|.

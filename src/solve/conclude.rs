@@ -3,7 +3,7 @@
 use super::copies::nearest_copy;
 use super::light::{LightFit, SEEN_PX, fit_by_light};
 use super::refine::{moved, refine, solution_of};
-use super::requirements;
+use super::requirements::{self, Refusal};
 use super::served::{horizontal, served};
 use super::solver::{Context, Solver};
 use super::verify::{Hypothesis, PatternSource};
@@ -14,7 +14,8 @@ use crate::sky::{DEG, Mat3, RowOrder, Vec3};
 const WORST_RMS_PX: f64 = 1.5;
 
 impl Solver {
-    /// The final fit of a pattern beyond doubt, its horizontal coordinates, and the requirements.
+    /// The final fit of a pattern beyond doubt, its horizontal coordinates, and the requirements. Whether the frame is done with: where
+    /// the fit is poor, the sources of another search may make a better one.
     pub(super) fn conclude(
         &self,
         context: &Context<'_>,
@@ -22,14 +23,14 @@ impl Solver {
         found: &Hypothesis,
         found_by: FoundBy,
         outcome: &mut Outcome,
-    ) {
+    ) -> bool {
         // What an earlier search of this frame was short of is no longer so.
         (outcome.cause, outcome.candidate, outcome.found_by) = (None, None, Some(found_by));
         outcome.detail.clear();
         let Some(mut solution) = self.solution(context, all, found, &mut outcome.sources) else {
             outcome.reason = Reason::Failed;
             outcome.detail = "the final fit of a verified pattern did not settle".into();
-            return;
+            return true;
         };
         solution.horizontal = horizontal(context, &solution, &self.settings().solver.fit);
         solution.served = served(context, &solution, &self.settings().solver.fit);
@@ -43,24 +44,24 @@ impl Solver {
             if self.settings().solver.prior_veto {
                 outcome.reason = Reason::Requirement;
                 outcome.candidate = Some(solution);
-                return;
+                return true;
             }
         }
         let min_matched = match found_by {
             FoundBy::Tracked => self.settings().solver.tracking.min_matched,
             FoundBy::LostInSpace => self.settings().solver.matching.min_matched,
         };
-        match requirements::check(&solution, min_matched as usize, self.settings()) {
+        let (detail, done) = match requirements::check(&solution, min_matched as usize, self.settings()) {
             Ok(()) => {
                 outcome.reason = Reason::Solved;
                 outcome.solution = Some(solution);
+                return true;
             }
-            Err(refusal) => {
-                outcome.reason = Reason::Requirement;
-                outcome.detail = refusal.0;
-                outcome.candidate = Some(solution);
-            }
-        }
+            Err(Refusal::Pose(detail)) => (detail, true),
+            Err(Refusal::Fit(detail)) => (detail, false),
+        };
+        (outcome.reason, outcome.detail, outcome.candidate) = (Reason::Requirement, detail, Some(solution));
+        done
     }
 
     /// The solution of a hypothesis by the final fit: by the sources as they were found or, where they may not be whole stars, by the

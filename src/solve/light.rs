@@ -35,6 +35,9 @@ const POOR_OF_RMS: f64 = 0.5;
 const HIDDEN_PX: f64 = 0.45;
 /// A piece is surely not hidden where the stars that show none beside them all miss it with less than this probability.
 const SURELY_SEEN: f64 = 1e-3;
+/// Points are beside their light where the square of its distance is this many times that of chance, as by chance one frame in a hundred
+/// has it. (Where any excess counts, two frames in three have σ a fifth too large.)
+const SURELY_BESIDE: f64 = 4.6;
 /// Pieces of a star's light nearer than this are seen together, px.
 pub const SEEN_PX: f64 = 0.75 * REACH_PX;
 /// Times that light and pose are measured in turn, and that stars are left out.
@@ -94,7 +97,10 @@ pub fn fit_by_light(
         let whole = near && light.axes.0 < WHOLE_LIGHT_PX;
         if whole && best.is_none() && context.scale == 0 {
             // By so much more than chance has it are the sources beside their light: what a trail that is not even on both sides does.
-            let beside_sq = 0.5 * (light.middle.0.powi(2) + light.middle.1.powi(2)) - light.sigma * light.sigma;
+            let mut beside_sq = 0.5 * (light.middle.0.powi(2) + light.middle.1.powi(2)) - light.sigma * light.sigma;
+            if beside_sq < (SURELY_BESIDE - 1.0) * light.sigma * light.sigma {
+                beside_sq = 0.0;
+            }
             let hidden_px = if trailed && !shows_no_piece(solver, matches) { hidden_px(&light) } else { 0.0 };
             return LightFit::AsFound { doubt_px: beside_sq.max(0.0).sqrt().max(hidden_px) };
         }

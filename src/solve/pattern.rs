@@ -18,10 +18,10 @@ const CORNER_SIGMAS: f64 = 2.0;
 const DISTORTED_PX: f64 = 1.0;
 /// Sources beyond the pattern that must fall on a star: with few sources two are enough, with many chance gives two.
 const FEW_SOURCES: usize = 9;
-/// Sources that are looked at first: a pose of which none of them beyond the corners falls on a star is not looked at further. (Each look
-/// waits for memory. Of ten stars among twenty sources, three of them corners among these, all seven others lie beyond these in one case
-/// of 2400, and there are other triangles.)
-const FIRST_LOOK: usize = 12;
+/// Sources of either end of the list that are looked at first: a pose of which none of them beyond the corners falls on a star is not
+/// looked at further. (Each look waits for memory; of ten stars among twenty sources, three of them corners, at least one is among
+/// these. Both ends, since those that rank alike are alike: in a frame out of focus the sharp ones are false and come first.)
+const FIRST_LOOK: usize = 6;
 /// Sources that a pattern can be made of: as many as are screened at once.
 pub const MAX_SOURCES: usize = POINTS;
 /// Triangles remembered for the display.
@@ -208,9 +208,12 @@ impl<'a> PatternSearch<'a> {
         for (place, cells) in found.iter().zip(&cells) {
             let (plane, stars) = candidate(place);
             let others = !planes[plane].corner_bits;
-            let mut hits = field.bitmap.hits(&cells[..count.min(FIRST_LOOK)]) & others;
-            if hits != 0 && count > FIRST_LOOK {
-                hits |= field.bitmap.hits(&cells[FIRST_LOOK..count]) << FIRST_LOOK & others;
+            let (head, tail) = (count.min(FIRST_LOOK), count.saturating_sub(FIRST_LOOK).max(FIRST_LOOK).min(count));
+            let hits_of =
+                |from: usize, to: usize| field.bitmap.hits(&cells[from..to]).checked_shl(from as u32).unwrap_or(0) & others;
+            let mut hits = hits_of(0, head) | hits_of(tail, count);
+            if hits != 0 {
+                hits |= hits_of(head, tail);
             }
             end = self.count_candidate();
             if end.is_none() && hits.count_ones() as usize >= self.need {

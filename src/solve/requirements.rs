@@ -4,9 +4,14 @@ use super::{Prior, Solution};
 use crate::settings::{AngleRange, RequirementSettings, Settings};
 use crate::sky::{ARCSEC, DEG, Horizontal, Observer, Vec3, direction, precess_from_j2000, separation, wrap_two_pi};
 
-/// A refusal: which requirement, its value, its limit.
+/// A refusal in words: which requirement, its value, its limit.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Refusal(pub String);
+pub enum Refusal {
+    /// The pose is not the one that is wanted.
+    Pose(String),
+    /// The pose is not known well enough: other sources of the same frame may tell it better.
+    Fit(String),
+}
 
 /// A circle on the sky that the boresight is expected in.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,18 +75,18 @@ pub fn check(solution: &Solution, min_matched: usize, settings: &Settings) -> Re
     let platescale = solution.platescale / ARCSEC;
     let (low, high) = (matching.platescale_min_arcsec_px, matching.platescale_max_arcsec_px);
     if !(low..=high).contains(&platescale) {
-        return Err(Refusal(format!("platescale: {platescale:.4}″/px is outside {low} to {high}″/px")));
+        return Err(Refusal::Pose(format!("platescale: {platescale:.4}″/px is outside {low} to {high}″/px")));
     }
     let sigmas = solution.sigmas() / ARCSEC;
     let pointing_error = 0.5 * (sigmas.x + sigmas.y);
     if pointing_error.is_nan() || pointing_error > limits.pointing_error_max_arcsec {
-        return Err(Refusal(format!("pointing_error: {pointing_error:.2}″ is above {}″", limits.pointing_error_max_arcsec)));
+        return Err(Refusal::Fit(format!("pointing_error: {pointing_error:.2}″ is above {}″", limits.pointing_error_max_arcsec)));
     }
     if solution.rms_px.is_nan() || solution.rms_px > limits.fit_error_max_px {
-        return Err(Refusal(format!("fit_error: {:.3} px is above {} px", solution.rms_px, limits.fit_error_max_px)));
+        return Err(Refusal::Fit(format!("fit_error: {:.3} px is above {} px", solution.rms_px, limits.fit_error_max_px)));
     }
     if solution.matches.len() < min_matched {
-        return Err(Refusal(format!("min_matched: {} matched, {min_matched} are required", solution.matches.len())));
+        return Err(Refusal::Fit(format!("min_matched: {} matched, {min_matched} are required", solution.matches.len())));
     }
     Ok(())
 }
@@ -98,7 +103,7 @@ fn in_range(name: &str, angle: f64, range: &AngleRange) -> Result<(), Refusal> {
     if above <= width || at_lower_end {
         return Ok(());
     }
-    Err(Refusal(format!("{name}: {:.4}° is outside {}° to {}°", angle / DEG, range.min_deg, range.max_deg)))
+    Err(Refusal::Pose(format!("{name}: {:.4}° is outside {}° to {}°", angle / DEG, range.min_deg, range.max_deg)))
 }
 
 #[cfg(test)]

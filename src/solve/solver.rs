@@ -421,9 +421,9 @@ impl Solver {
                 let scale = if sharp.is_some() { 0 } else { context.scale };
                 let (context, hypothesis) = (&Context { scale, ..context.clone() }, sharp.unwrap_or(hypothesis));
                 self.report_sources(outcome);
-                self.conclude(context, &self.pattern_sources(context), &hypothesis, FoundBy::LostInSpace, outcome);
+                let done = self.conclude(context, &self.pattern_sources(context), &hypothesis, FoundBy::LostInSpace, outcome);
                 outcome.times.fit += context.watch.elapsed() - started;
-                true
+                done
             }
             SearchEnd::Stopped(stop) => stopped(outcome, stop),
             SearchEnd::Exhausted(best) => self.leave_open(context, &all, best, outcome, "every pattern was tried"),
@@ -447,6 +447,10 @@ impl Solver {
     ) -> bool {
         let tried = outcome.sources_tried;
         let threshold = self.settings.solver.matching.max_false_probability_log10;
+        if outcome.reason == Reason::Requirement {
+            // An earlier search of this frame found the stars, if not well enough: that says more.
+            return false;
+        }
         match best.filter(|b| b.false_ln < UNDECIDED_FALSE_LN) {
             Some(best) => {
                 outcome.reason = Reason::Undecided;
