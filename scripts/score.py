@@ -3,6 +3,7 @@
 
     score.py flight|esa TRUTH.json ANSWERS.jsonl
     score.py speed|refusal|lists|tracking|autofocus|view|motion BENCH.txt
+    score.py calibration DIRECTORY LEFT,UP,BORESIGHT
     score.py rendered|nostars|mirrored|causes|measured|peers|errors|scale DIRECTORY
 
 A DIRECTORY holds `*.truth.json`, as `stars render` writes them, and answers in `*.jsonl`; the image's name joins the two.
@@ -628,6 +629,37 @@ def score_horizontal(verdict, answer, truth):
     verdict("azimuth, elevation and horizontal roll within 0.3°", got, max(off) <= 0.3)
 
 
+def score_calibration(verdict, directory, turned):
+    """What frames of one camera say of it, and of a second one that is turned against it (arcsec about left, up and boresight)."""
+    directory = Path(directory)
+    found = json.loads((directory / "calibration.json").read_text())
+    truth = json.loads(min((directory / "first").glob("*.truth.json")).read_text())
+    print(f"{found['frames']} frames, {found['stars']} stars, χ² per degree of freedom {found['chi2_per_dof']:.2f}")
+    scale = 100 * (found["platescale_arcsec_px"] / truth["platescale_arcsec_px"] - 1)
+    sigma = 100 * found["sigma_platescale_arcsec_px"] / found["platescale_arcsec_px"]
+    verdict("plate scale to 0.01 %", f"{scale:+.5f} % (σ {sigma:.5f} %)", abs(scale) <= 0.01)
+    k1, sigma = found["distortion_k1"], found["sigma_distortion_k1"]
+    off = 100 * (k1 / truth["k1"] - 1)
+    verdict("distortion warranted, and k1 to 10 %", f"{k1:+.6f} ± {sigma:.6f} of {truth['k1']:+.6f}: {off:+.1f} %",
+            found["distortion_warranted"] and abs(off) <= 10)
+    hot, true = {tuple(p) for p in found["hot_pixels"] or ()}, {tuple(p) for p in truth["hot_pixels"]}
+    share, wrong = 100 * len(hot & true) / len(true), 100 * len(hot - true) / max(1, len(hot))
+    verdict("99 % of the hot pixels found, 0.1 % of those found false",
+            f"{share:.2f} % of {len(true)}, {len(hot - true)} false ({wrong:.2f} %)", share >= 99 and wrong <= 0.1)
+    about_left, about_up, about_boresight = (math.radians(float(angle) / ARCSEC_PER_DEG) for angle in turned.split(","))
+    # Where a small turn takes the boresight, and up: Rodrigues' formula.
+    angle = math.hypot(about_left, about_up, about_boresight)
+    sine, cosine = math.sin(angle) / angle, (1 - math.cos(angle)) / angle**2
+    seen = (about_up * sine + about_left * about_boresight * cosine, -about_left * sine + about_up * about_boresight * cosine,
+            1 - (about_left**2 + about_up**2) * cosine)
+    left, up = (math.degrees(math.atan2(part, seen[2])) * ARCSEC_PER_DEG for part in seen[:2])
+    offset = found["offset"]
+    off = math.hypot(offset["left_arcsec"] - left, offset["up_arcsec"] - up)
+    sigma = math.hypot(offset["sigma_left_arcsec"], offset["sigma_up_arcsec"])
+    roll = offset["roll_arcsec"] - math.degrees(about_boresight) * ARCSEC_PER_DEG
+    verdict("offset of a second camera to 0.5″", f"{off:.3f}″ (σ {sigma:.3f}″) of {offset['pairs']} pairs; roll {roll:+.2f}″", off <= 0.5)
+
+
 def main(arguments):
     """Runs one row; the exit status says whether all passed."""
     verdict = Verdict()
@@ -642,6 +674,8 @@ def main(arguments):
             score_lists(verdict, bench)
         case ["motion", bench]:
             score_motion(verdict, bench)
+        case ["calibration", directory, turned]:
+            score_calibration(verdict, directory, turned)
         case ["view", bench]:
             score_view(verdict, bench)
         case ["threads", bench]:

@@ -4,6 +4,7 @@
 //! serves it to two flight computers. The rooms below are listed in the order in which a room may use others: only those
 //! above it. Everything before `camera` is pure: no runtime, no clock, no disk, no sockets.
 
+pub mod calibrate;
 pub mod camera;
 pub mod catalog;
 pub mod cli;

@@ -1,7 +1,9 @@
 //! The settings options that all subcommands share, and the reading of settings files.
 
+use super::calibrate::kept;
 use crate::service::read_file;
 use crate::settings::{Layers, Loaded, MAX_TEXT_BYTES};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Where settings come from, in rising precedence.
@@ -20,11 +22,42 @@ pub struct ConfigArgs {
 }
 
 impl ConfigArgs {
-    /// Reads the files and merges the layers.
+    /// Reads the files and merges the layers, the calibration in force among them. One that is damaged, or that the files do not allow any
+    /// more, is named on stderr and left out: it keeps nothing from starting.
     ///
     /// # Errors
     /// A file that can't be read, or the first mistake in a layer, with its place and what was expected.
     pub fn load(&self) -> anyhow::Result<Loaded> {
+        let files = self.load_files()?;
+        let calibrated = kept::in_force(&files.settings.commands.ledger_directory).and_then(|found| {
+            found.map(|(name, text)| self.load_with(&name, &text).map_err(|error| format!("{error:#}"))).transpose()
+        });
+        Ok(calibrated
+            .unwrap_or_else(|complaint| {
+                // Nobody is left to tell where even stderr is closed.
+                let _ = writeln!(std::io::stderr(), "stars: {complaint}; the calibration is left out");
+                None
+            })
+            .unwrap_or(files))
+    }
+
+    /// The same without any calibration.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn load_files(&self) -> anyhow::Result<Loaded> {
+        self.merge(self.files()?)
+    }
+
+    /// The same with a calibration, by its name and its text.
+    ///
+    /// # Errors
+    /// As [`Self::load`], and where the calibration has a mistake.
+    pub fn load_with(&self, name: &str, calibration: &str) -> anyhow::Result<Loaded> {
+        self.merge(self.files()?.calibrated(name, calibration))
+    }
+
+    fn files(&self) -> anyhow::Result<Layers> {
         let mut layers = match &self.config {
             Some(path) => Layers::flight(path.display().to_string(), read(path)?),
             None => Layers::embedded(),
@@ -32,6 +65,10 @@ impl ConfigArgs {
         if let Some(path) = &self.custom {
             layers = layers.custom(path.display().to_string(), read(path)?);
         }
+        Ok(layers)
+    }
+
+    fn merge(&self, layers: Layers) -> anyhow::Result<Loaded> {
         Ok(self.set.iter().fold(layers, |layers, assignment| layers.set(assignment)).load()?)
     }
 }

@@ -117,15 +117,23 @@ pub(super) fn records_in(directory: &Path) -> anyhow::Result<Vec<PathBuf>> {
 }
 
 /// An outcome, and where it stands.
-struct Line<'a> {
+pub(super) struct Line<'a> {
     file: &'a Path,
     /// From 1.
     number: usize,
-    outcome: Map<String, Value>,
+    /// It.
+    pub(super) outcome: Map<String, Value>,
 }
 
 /// Gives every outcome to one and a complaint about every line that holds none to the other; a line without anything in it is passed over.
-fn each_line(files: &[PathBuf], mut take: impl FnMut(&Line<'_>), mut complain: impl FnMut(String)) -> anyhow::Result<()> {
+///
+/// # Errors
+/// Where a file cannot be read, or is no record.
+pub(super) fn each_line(
+    files: &[PathBuf],
+    mut take: impl FnMut(&Line<'_>),
+    mut complain: impl FnMut(String),
+) -> anyhow::Result<()> {
     for file in files {
         let name = file.display();
         let mut reader = BufReader::new(File::open(file).with_context(|| format!("{name} cannot be opened"))?);

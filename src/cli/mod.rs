@@ -5,6 +5,7 @@
 //! negative, and [`WRONG`] with one line on stderr where the call or a file is wrong: for that it returns the error.
 
 mod bundle;
+mod calibrate;
 mod catalog;
 mod config;
 mod demo;
@@ -40,6 +41,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Bundle(bundle::Args),
+    Calibrate(calibrate::Args),
     Catalog(catalog::Args),
     Demo(demo::Args),
     Export(export::Args),
@@ -57,6 +59,7 @@ impl Command {
     fn run(self) -> anyhow::Result<ExitCode> {
         match self {
             Self::Bundle(args) => args.run(),
+            Self::Calibrate(args) => args.run(),
             Self::Catalog(args) => args.run(),
             Self::Demo(args) => args.run(),
             Self::Export(args) => args.run(),

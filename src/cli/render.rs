@@ -2,11 +2,12 @@
 
 use super::{ConfigArgs, within};
 use crate::catalog::Catalogue;
+use crate::image::TriggerCounter;
 use crate::image::write_fits;
 use crate::service::load_catalogue;
 use crate::settings::{Loaded, Setting};
 use crate::simulate::sky::{Kind, RenderSpec, render};
-use crate::sky::ARCSEC;
+use crate::sky::{ARCSEC, Vec3};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::fs;
@@ -62,8 +63,27 @@ pub struct Args {
     /// Turn the picture over, left to right, as the setting camera.mirrored does
     #[arg(long)]
     mirrored: bool,
+    /// Frames of one camera, by a seed of its own: its optics, dust and hot pixels are those of every frame, each frame has its
+    /// number for the counter of triggers, and the truth has the hot pixels
+    #[arg(long, value_name = "SEED")]
+    camera: Option<u64>,
+    /// Look where the frames of another seed look, as a second camera beside theirs does
+    #[arg(long, value_name = "SEED")]
+    beside: Option<u64>,
+    /// Turned against them by so many arcsec about left, up and the boresight
+    #[arg(long, value_name = "LEFT,UP,BORESIGHT", requires = "beside", value_parser = turn, allow_hyphen_values = true)]
+    turned: Option<Vec3>,
     #[command(flatten)]
     config: ConfigArgs,
+}
+
+/// Three angles in arcsec, as rad.
+fn turn(text: &str) -> Result<Vec3, String> {
+    let angles: Result<Vec<f64>, _> = text.split(',').map(|angle| within(angle, -324_000.0, 324_000.0)).collect();
+    match angles?.as_slice() {
+        &[left, up, boresight] => Ok(Vec3::new(left, up, boresight) * ARCSEC),
+        _ => Err(format!("'{text}' is not three angles, expected LEFT,UP,BORESIGHT in arcsec")),
+    }
 }
 
 /// Greatest number of a frame, and of frames.
@@ -82,7 +102,13 @@ impl Args {
             }
             None => standard.platescale,
         };
+        let attitude = self.beside.map(|seed| {
+            let theirs = RenderSpec { seed, ..standard.clone() }.drawn_attitude();
+            self.turned.as_ref().map_or(theirs, |turn| theirs.turned(turn))
+        });
         RenderSpec {
+            camera: self.camera,
+            attitude,
             width: self.width.unwrap_or(camera.width_px as usize),
             height: self.height.unwrap_or(camera.height_px as usize),
             platescale: (low, high),
@@ -131,7 +157,10 @@ impl Args {
 }
 
 fn write_one(out: &Path, spec: &RenderSpec, catalogue: &Catalogue) -> anyhow::Result<()> {
-    let rendered = render(spec, catalogue)?;
+    let mut rendered = render(spec, catalogue)?;
+    if spec.camera.is_some() {
+        rendered.frame.stamp.trigger = u32::try_from(spec.index).ok().map(TriggerCounter);
+    }
     let path = |ending: &str| out.join(format!("{}{ending}", rendered.frame.stamp.origin));
     write(&path(".fits"), |file| Ok(write_fits(&rendered.frame, &[], file)?))?;
     write(&path(".truth.json"), |file| {

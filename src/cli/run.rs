@@ -2,7 +2,7 @@
 
 use super::{ConfigArgs, NEGATIVE};
 use crate::service::{self, Inherited, Manager, Running};
-use crate::settings::{Settings, parse_span};
+use crate::settings::{Layer, Setting, Settings, parse_span};
 use anyhow::Context;
 use std::convert::Infallible;
 use std::io::IsTerminal;
@@ -42,8 +42,14 @@ impl Args {
     /// # Errors
     /// Where the settings are wrong or the address cannot be had.
     pub fn run(self) -> anyhow::Result<ExitCode> {
-        let settings = Arc::new(self.config.load()?.settings);
+        let loaded = self.config.load()?;
         start_logging("info");
+        let calibrated: Vec<String> =
+            loaded.all.iter().filter(|setting| setting.origin.layer == Layer::Calibration).map(said).collect();
+        if !calibrated.is_empty() {
+            tracing::info!("a calibration is in force: {}", calibrated.join(", "));
+        }
+        let settings = Arc::new(loaded.settings);
         let runtime = runtime()?;
         let ended = runtime.block_on(async {
             let stop = stop_signal()?;
@@ -69,6 +75,11 @@ impl Args {
         runtime.shutdown_timeout(Duration::from_millis(100));
         ended
     }
+}
+
+/// A setting and where it comes from.
+fn said(setting: &Setting) -> String {
+    format!("{} = {} ({})", setting.key, setting.value, setting.origin)
 }
 
 /// A part that has been silent for so long will not come back: one that hangs is started again sooner.

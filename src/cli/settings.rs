@@ -75,6 +75,9 @@ fn count(loaded: &Loaded) -> String {
     if let Some(file) = &loaded.custom_file {
         line += &format!(", {} from {file}", from(Layer::Custom));
     }
+    if from(Layer::Calibration) > 0 {
+        line += &format!(", {} from a calibration", from(Layer::Calibration));
+    }
     match from(Layer::CommandLine) {
         0 => line,
         n => line + &format!(", {n} from --set"),

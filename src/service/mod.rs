@@ -414,12 +414,21 @@ fn announce(address: SocketAddr, settings: &Settings, run: Run, kept: &Kept) {
     tracing::info!(%address, ?camera, ?lens, run = number, ?last_end, commanded, "serving");
 }
 
-/// The ledger, what it kept, and in what state that was found; none where the settings name no directory.
+/// The calibration in force, in the directory of what outlasts a restart; the one before it, and the log of both.
+pub const CALIBRATION: &str = "calibration.toml";
+/// See [`CALIBRATION`].
+pub const CALIBRATION_BEFORE: &str = "calibration.before.toml";
+/// See [`CALIBRATION`].
+pub const CALIBRATION_LOG: &str = "calibration.log";
+
 /// The files of a directory that outlast a restart, whether they are there or not; what else lies beside them is not ours.
 pub fn state_files(directory: &Path) -> Vec<PathBuf> {
-    [ledger::NAME, runs::NAME].into_iter().flat_map(|name| twin::files(directory, name)).collect()
+    let twins = [ledger::NAME, runs::NAME].into_iter().flat_map(|name| twin::files(directory, name));
+    let calibration = [CALIBRATION, CALIBRATION_BEFORE, CALIBRATION_LOG].map(|name| directory.join(name));
+    twins.chain(calibration).collect()
 }
 
+/// The ledger, what it kept, and in what state that was found; none where the settings name no directory.
 fn open_ledger(directory: &str) -> (Option<Ledger>, Kept, Found) {
     if directory.is_empty() {
         return (None, Kept::default(), Found::Nothing);

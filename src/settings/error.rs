@@ -9,6 +9,8 @@ pub enum Layer {
     Flight,
     /// The custom file of one camera.
     Custom,
+    /// The calibration that was put in force.
+    Calibration,
     /// `--set` on the command line.
     CommandLine,
     /// A command from the ground.

@@ -1,4 +1,4 @@
-//! Layering: flight file < custom file < command line, and where each value came from.
+//! Layering: flight file < custom file < calibration < command line, and where each value came from.
 
 use super::error::{Layer, Origin, Problem, SettingsError};
 use super::near::nearest;
@@ -21,6 +21,7 @@ const SET: &str = "--set";
 pub struct Layers {
     flight: (String, String),
     custom: Option<(String, String)>,
+    calibration: Option<(String, String)>,
     set: Vec<String>,
 }
 
@@ -72,13 +73,20 @@ impl Layers {
 
     /// A flight file: its name, for errors, and its text.
     pub fn flight(name: impl Into<String>, text: impl Into<String>) -> Self {
-        Self { flight: (name.into(), text.into()), custom: None, set: Vec::new() }
+        Self { flight: (name.into(), text.into()), custom: None, calibration: None, set: Vec::new() }
     }
 
     /// Adds the custom file of one camera: its name, for errors, and its text.
     #[must_use]
     pub fn custom(mut self, name: impl Into<String>, text: impl Into<String>) -> Self {
         self.custom = Some((name.into(), text.into()));
+        self
+    }
+
+    /// Adds the calibration that is in force: its name, for errors, and its text.
+    #[must_use]
+    pub fn calibrated(mut self, name: impl Into<String>, text: impl Into<String>) -> Self {
+        self.calibration = Some((name.into(), text.into()));
         self
     }
 
@@ -97,8 +105,9 @@ impl Layers {
     pub fn load(&self) -> Result<Loaded, SettingsError> {
         let (name, text) = &self.flight;
         let mut all = flight_layer(name, text)?;
-        if let Some((name, text)) = &self.custom {
-            for (rule, value, origin) in read_layer(Layer::Custom, name, text)? {
+        let files = [(Layer::Custom, &self.custom), (Layer::Calibration, &self.calibration)];
+        for (layer, (name, text)) in files.into_iter().filter_map(|(layer, file)| Some((layer, file.as_ref()?))) {
+            for (rule, value, origin) in read_layer(layer, name, text)? {
                 replace(&mut all, rule, value, &origin);
             }
         }

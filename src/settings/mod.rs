@@ -1,4 +1,4 @@
-//! The settings room: schema, layering (flight < custom < command line), ranges and where each value came from.
+//! The settings room: schema, layering (flight < custom < calibration < command line), ranges and where each value came from.
 //!
 //! Texts go in, checked settings come out; reading files is the command line's. A value that this room let through is of its
 //! type, in its range, finite, and in accord with the others, so nobody checks it again. May use nothing of the other rooms.

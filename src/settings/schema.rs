@@ -447,9 +447,15 @@ pub struct MotionSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FitSettings {
-    /// What is known of the radial distortion k1 beforehand, one σ at the half diagonal.
+    /// The radial distortion k1 that is expected, at the half diagonal.
+    pub distortion_k1: f64,
+    /// How well that is known beforehand, one σ.
     pub distortion_sigma: f64,
-    /// How far from the picture's centre the lens's axis may meet it, one σ per axis, px.
+    /// Where the lens's axis is expected to meet the picture, from its centre along left, px.
+    pub axis_left_px: f64,
+    /// The same along up, px.
+    pub axis_up_px: f64,
+    /// How far from there it may be, one σ per axis, px.
     pub axis_sigma_px: f64,
     /// Error of a centroid that no photon noise explains, px, one σ per axis.
     pub centroid_floor_px: f64,

@@ -52,6 +52,21 @@ impl Utc {
         Self::from_unix(days as f64 * 86_400.0 + f64::from(hour) * 3600.0 + f64::from(minute) * 60.0 + second)
     }
 
+    /// From ISO 8601: `2013-01-01T06:11:24.859`, with or without a fraction or a Z; `None` for anything else.
+    pub fn parse(text: &str) -> Option<Self> {
+        let (date, time) = text.trim_end_matches('Z').split_once('T')?;
+        let mut date = date.splitn(3, '-');
+        let mut time = time.splitn(3, ':');
+        Self::from_calendar(
+            date.next()?.parse().ok()?,
+            date.next()?.parse().ok()?,
+            date.next()?.parse().ok()?,
+            time.next()?.parse().ok()?,
+            time.next()?.parse().ok()?,
+            time.next()?.parse().ok()?,
+        )
+    }
+
     /// Seconds since 1970.
     pub fn unix_s(&self) -> f64 {
         self.unix_s

@@ -99,14 +99,14 @@ impl Pose {
 }
 
 /// Number of fitted parameters: rotation about left, up and boresight, ln plate scale, k1, axis along left and up.
-const PARAMETERS: usize = 7;
+pub(super) const PARAMETERS: usize = 7;
 /// Their places from which on a prior holds them.
-const LN_PLATESCALE: usize = 3;
-const K1: usize = 4;
-const AXIS_LEFT: usize = 5;
-const AXIS_UP: usize = 6;
-type Matrix = SMatrix<f64, PARAMETERS, PARAMETERS>;
-type Vector = SVector<f64, PARAMETERS>;
+pub(super) const LN_PLATESCALE: usize = 3;
+pub(super) const K1: usize = 4;
+pub(super) const AXIS_LEFT: usize = 5;
+pub(super) const AXIS_UP: usize = 6;
+pub(super) type Matrix = SMatrix<f64, PARAMETERS, PARAMETERS>;
+pub(super) type Vector = SVector<f64, PARAMETERS>;
 
 /// What is known before the fit, as one σ each.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -127,7 +127,7 @@ pub struct FitPrior {
 
 impl FitPrior {
     /// What is expected and how much it weighs, of a parameter that is held, with how far a pose is from it.
-    fn pulls(&self, pose: &Pose) -> [(usize, f64, f64); PARAMETERS - LN_PLATESCALE] {
+    pub(super) fn pulls(&self, pose: &Pose) -> [(usize, f64, f64); PARAMETERS - LN_PLATESCALE] {
         /// What is known better than this is known, in whatever unit.
         const LEAST_SIGMA: f64 = 1e-9;
         let weight = |sigma: f64| sigma.max(LEAST_SIGMA).powi(-2);
@@ -251,7 +251,12 @@ pub fn fit(pairs: &[Pair], start: &Pose, half_diagonal_px: f64, prior: &FitPrior
 }
 
 /// Lower half of the normal matrix and gradient of the weighted problem with its priors, and χ² of the pairs alone.
-fn normal_equations(pairs: &[Pair], pose: &Pose, half_diagonal_px: f64, prior: &FitPrior) -> Option<(Matrix, Vector, f64)> {
+pub(super) fn normal_equations(
+    pairs: &[Pair],
+    pose: &Pose,
+    half_diagonal_px: f64,
+    prior: &FitPrior,
+) -> Option<(Matrix, Vector, f64)> {
     let s = pose.platescale;
     let per_r2 = 1.0 / (half_diagonal_px * half_diagonal_px);
     let k_per_r2 = pose.k1 * per_r2;

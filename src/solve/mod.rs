@@ -12,6 +12,7 @@ mod conclude;
 mod copies;
 mod diagnose;
 mod fit;
+mod joint;
 mod light;
 mod motion;
 mod near;
@@ -31,7 +32,8 @@ mod wcs;
 
 pub use along::Moved;
 pub use cause::Blur;
-pub use fit::{FitPrior, Pose};
+pub use fit::{FitPrior, Pair, Pose};
+pub use joint::{Joint, View, fit_together};
 pub use motion::{Motion, MotionError};
 pub use near::{NearRules, NearSearch};
 pub use outcome::{

@@ -95,9 +95,9 @@ impl FrameGeometry {
                 platescale: field.geometry.platescale,
                 // Three of these reach well past the range: it must not pull a plate scale that is inside.
                 sigma_ln_platescale: (high - low) / (high + low),
-                k1: 0.0,
+                k1: settings.fit.distortion_k1,
                 sigma_k1: settings.fit.distortion_sigma,
-                axis: (0.0, 0.0),
+                axis: (settings.fit.axis_left_px, settings.fit.axis_up_px),
                 sigma_axis_px: settings.fit.axis_sigma_px,
             },
         }

@@ -12,9 +12,23 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The rooms in the order of use: a room may use those before it.
-const ROOMS: [&str; 15] = [
-    "settings", "sky", "catalog", "image", "sources", "solve", "command", "lens", "wire", "simulate", "camera", "display",
-    "service", "soak", "cli",
+const ROOMS: [&str; 16] = [
+    "settings",
+    "sky",
+    "catalog",
+    "image",
+    "sources",
+    "solve",
+    "calibrate",
+    "command",
+    "lens",
+    "wire",
+    "simulate",
+    "camera",
+    "display",
+    "service",
+    "soak",
+    "cli",
 ];
 /// The first room that may have a runtime, a clock, a disk, a socket or a thread. All before it are the core.
 const FIRST_OF_SHELL: &str = "camera";

@@ -101,27 +101,12 @@ fn captured(header: &Header, exposure_s: Option<f64>) -> Option<(Utc, ClockQuali
     let known = [ClockQuality::Unset, ClockQuality::Synchronised].into_iter();
     let quality = known.into_iter().find(|&quality| said.as_deref() == Some(clock_name(quality)));
     let quality = quality.unwrap_or(ClockQuality::FreeRunning);
-    let middle = header.text("DATE-AVG").and_then(|text| iso(&text));
+    let middle = header.text("DATE-AVG").and_then(|text| Utc::parse(&text));
     let from_start = || {
-        let start = header.text("DATE-OBS").and_then(|text| iso(&text))?;
+        let start = header.text("DATE-OBS").and_then(|text| Utc::parse(&text))?;
         Utc::from_unix(start.unix_s() + exposure_s.unwrap_or(0.0) / 2.0)
     };
     Some((middle.or_else(from_start)?, quality))
-}
-
-/// `2013-01-01T06:11:24.859`, with or without a fraction or a Z.
-fn iso(text: &str) -> Option<Utc> {
-    let (date, time) = text.trim_end_matches('Z').split_once('T')?;
-    let mut date = date.splitn(3, '-');
-    let mut time = time.splitn(3, ':');
-    Utc::from_calendar(
-        date.next()?.parse().ok()?,
-        date.next()?.parse().ok()?,
-        date.next()?.parse().ok()?,
-        time.next()?.parse().ok()?,
-        time.next()?.parse().ok()?,
-        time.next()?.parse().ok()?,
-    )
 }
 
 /// What `CLOCK` says of a clock.

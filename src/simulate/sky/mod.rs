@@ -141,6 +141,11 @@ impl RenderSpec {
         }
     }
 
+    /// The attitude that is drawn for this frame where none is given.
+    pub fn drawn_attitude(&self) -> Attitude {
+        scene::draw_attitude(self.kind, &mut self.dice(Purpose::Pointing))
+    }
+
     /// Chance that is new with every frame.
     fn dice(&self, purpose: Purpose) -> Dice {
         Dice::new(self.seed, self.kind.number(), self.index, purpose)
@@ -263,7 +268,11 @@ pub fn render_with(spec: &RenderSpec, catalogue: &Catalogue, exposure: &mut Expo
             pixels
         }
     };
-    let truth = stars::judge(spec, &scene, catalogue, &images, &pixels);
+    let mut truth = stars::judge(spec, &scene, catalogue, &images, &pixels);
+    if spec.camera.is_some() && scene.blank.is_none() {
+        let hot = scene.flaws.hot_pixels(width * height, &mut spec.camera_dice(Purpose::HotPixels));
+        truth.hot_pixels = hot.into_iter().map(|(at, _)| (at % width, at / width)).collect();
+    }
     let mut frame = Frame::new(width, height, pixels, spec.rows).ok_or(RenderError::Size { width, height })?;
     frame.full_scale = Some(sensor.full_scale_adu);
     frame.stamp.origin = format!("{}-{}-{}", spec.kind, spec.seed, spec.index);

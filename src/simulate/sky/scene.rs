@@ -149,7 +149,7 @@ fn draw_optics(spec: &RenderSpec) -> Optics {
 }
 
 /// A boresight uniform over the part of the sky that the kind looks at, and any roll.
-fn draw_attitude(kind: Kind, dice: &mut Dice) -> Attitude {
+pub(super) fn draw_attitude(kind: Kind, dice: &mut Dice) -> Attitude {
     let (low, high) = match kind {
         Kind::Defocus | Kind::Motion => (0.0, 30.0),
         Kind::Defocus30 => (0.0, 20.0),

@@ -173,12 +173,17 @@ fn spill(way: impl Iterator<Item = usize>, mut charge: f32, well: f32, light: &m
 }
 
 impl Flaws {
+    /// The hot pixels of a sensor of so many pixels: place, and what each has more than the light that falls on it, ADU.
+    pub fn hot_pixels(&self, pixels: usize, dice: &mut Dice) -> Vec<(usize, f64)> {
+        // From just above the noise at float to well beyond any star.
+        let one = |_| (dice.count(0, pixels.saturating_sub(1)), dice.log_uniform(30.0, 4000.0));
+        (0..self.hot_pixels).map(one).collect()
+    }
+
     /// Hot pixels and the dead column, which stay with the camera.
     pub fn paint_lasting(&self, light: &mut [f32], width: usize, scale: f64, dice: &mut Dice) {
-        for _ in 0..self.hot_pixels {
-            let at = dice.count(0, light.len().saturating_sub(1));
-            // From just above the noise at float to well beyond any star.
-            light[at] += (scale * dice.log_uniform(30.0, 4000.0)) as f32;
+        for (at, adu) in self.hot_pixels(light.len(), dice) {
+            light[at] += (scale * adu) as f32;
         }
         if let Some(column) = self.dead_column {
             light.iter_mut().skip(column).step_by(width.max(1)).for_each(|pixel| *pixel = 0.0);

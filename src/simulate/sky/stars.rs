@@ -167,6 +167,7 @@ pub(super) fn judge(spec: &RenderSpec, scene: &Scene, catalogue: &Catalogue, ima
         psf_sigma_px: scene.psf_sigma_px,
         sky_adu: scene.backdrop.sky_adu,
         noise_adu: sensor.noise_adu(scene.backdrop.sky_adu),
+        hot_pixels: Vec::new(),
         stars,
     }
 }

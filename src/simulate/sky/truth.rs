@@ -43,6 +43,8 @@ pub struct Truth {
     pub sky_adu: f64,
     /// Noise of a pixel with that sky, ADU.
     pub noise_adu: f64,
+    /// Column and row, in file order, of the hot pixels of a camera that many frames come from; none of one that a single frame has.
+    pub hot_pixels: Vec<(usize, usize)>,
     /// Stars of SNR over 3, brightest first.
     pub stars: Vec<TrueStar>,
 }
@@ -97,6 +99,8 @@ impl Serialize for Truth {
             psf_sigma_px: f64,
             sky_adu: f64,
             noise_adu: f64,
+            #[serde(skip_serializing_if = "<[_]>::is_empty")]
+            hot_pixels: &'a [(usize, usize)],
             stars: &'a [TrueStar],
         }
         let angles = self.attitude.map(|attitude| attitude.angles());
@@ -122,6 +126,7 @@ impl Serialize for Truth {
             psf_sigma_px: self.psf_sigma_px,
             sky_adu: self.sky_adu,
             noise_adu: self.noise_adu,
+            hot_pixels: &self.hot_pixels,
             stars: &self.stars,
         }
         .serialize(serializer)
