@@ -652,7 +652,7 @@ def score_calibration(verdict, directory, turned):
     sine, cosine = math.sin(angle) / angle, (1 - math.cos(angle)) / angle**2
     seen = (about_up * sine + about_left * about_boresight * cosine, -about_left * sine + about_up * about_boresight * cosine,
             1 - (about_left**2 + about_up**2) * cosine)
-    left, up = (math.degrees(math.atan2(part, seen[2])) * ARCSEC_PER_DEG for part in seen[:2])
+    left, up = (math.degrees(angle) * ARCSEC_PER_DEG for angle in (math.atan2(seen[0], seen[2]), math.asin(seen[1])))
     offset = found["offset"]
     off = math.hypot(offset["left_arcsec"] - left, offset["up_arcsec"] - up)
     sigma = math.hypot(offset["sigma_left_arcsec"], offset["sigma_up_arcsec"])

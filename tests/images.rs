@@ -362,22 +362,27 @@ fn stamps() -> impl Strategy<Value = Stamp> {
     let lens = (proptest::option::of(-100.0..100.0_f64), proptest::option::of(any::<i32>()), proptest::option::of(any::<i32>()));
     let observer = proptest::option::of((-90.0..90.0_f64, 0.0..24.0_f64));
     let lost = (any::<u32>(), any::<u32>());
-    (counters, time, exposure, lens, observer, lost).prop_map(|(counters, time, exposure, lens, observer, lost)| Stamp {
-        image: ImageCounter(counters.0),
-        trigger: counters.1.map(TriggerCounter),
-        origin: counters.2,
-        captured: time.map(|(unix_s, quality)| (Utc::from_unix(unix_s).unwrap(), quality)),
-        exposure_s: exposure.0,
-        exposures: exposure.1,
-        part: exposure.2,
-        gain_db: lens.0,
-        focus_counts: lens.1,
-        aperture_counts: lens.2,
-        observer: observer.map(|(lat, lst)| Observer { latitude: lat * DEG, sidereal_time: lst * HOUR }),
-        simulated: counters.3,
-        missing_packets: lost.0,
-        missed_frames: lost.1,
-    })
+    let celsius = (proptest::option::of(-100.0..100.0_f64), proptest::option::of(-100.0..100.0_f64));
+    (counters, time, exposure, lens, celsius, observer, lost).prop_map(
+        |(counters, time, exposure, lens, celsius, observer, lost)| Stamp {
+            image: ImageCounter(counters.0),
+            trigger: counters.1.map(TriggerCounter),
+            origin: counters.2,
+            captured: time.map(|(unix_s, quality)| (Utc::from_unix(unix_s).unwrap(), quality)),
+            exposure_s: exposure.0,
+            exposures: exposure.1,
+            part: exposure.2,
+            gain_db: lens.0,
+            focus_counts: lens.1,
+            aperture_counts: lens.2,
+            temperature_camera_c: celsius.0,
+            temperature_lens_c: celsius.1,
+            observer: observer.map(|(lat, lst)| Observer { latitude: lat * DEG, sidereal_time: lst * HOUR }),
+            simulated: counters.3,
+            missing_packets: lost.0,
+            missed_frames: lost.1,
+        },
+    )
 }
 
 fn frames() -> impl Strategy<Value = Frame> {
@@ -505,6 +510,8 @@ fn frames_are_written_for_fitsverify() {
         gain_db: Some(-1.25e-300),
         focus_counts: Some(-1),
         aperture_counts: Some(6),
+        temperature_camera_c: Some(21.5),
+        temperature_lens_c: Some(-40.25),
         observer: Some(Observer { latitude: -77.4288695 * DEG, sidereal_time: 8.01361111111111 * HOUR }),
         simulated: true,
         missing_packets: u32::MAX,

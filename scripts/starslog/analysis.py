@@ -22,7 +22,7 @@ NEIGHBOURS_S = 5.0
 TIME_SIGMA_S = 1e-3 / math.sqrt(12)
 # Plate scales are compared with the median of so many of their neighbours on each side.
 NEIGHBOURS = 10
-TEMPERATURE_KEYWORDS = ("CCD-TEMP", "TEMPERAT", "TEMP")
+TEMPERATURE_KEYWORDS = ("LENSTEMP", "CCD-TEMP", "TEMPERAT", "TEMP")
 
 
 class Sigmas(NamedTuple):
@@ -231,12 +231,12 @@ def utc(text):
 
 def focus_of(solution, header):
     """Focus of the lens, counts, from the log where it has it, else from the header of the image."""
-    return number_of(solution.extra.get("focus_counts"), header.get("FOCUS"))
+    return number_of(solution.focus_counts, header.get("FOCUS"))
 
 
 def temperature_of(solution, header):
-    """A temperature, °C, from the log where it has one, else from the header of the image."""
-    in_log = (value for key, value in solution.extra.items() if key.startswith("temperature"))
+    """The lens's temperature, °C, else the camera's: from the log where it has one, else from the header of the image."""
+    in_log = (solution.temperature_lens_c, solution.temperature_camera_c)
     return number_of(*in_log, *(header.get(keyword) for keyword in TEMPERATURE_KEYWORDS))
 
 

@@ -170,6 +170,15 @@ class Solution(Record):
     simulated: bool | None = None
     missing_packets: int | None = None
     missed_frames: int | None = None
+    # Of one exposure; gain of the camera.
+    exposure_s: float | None = None
+    gain_db: float | None = None
+    # Encoder counts, where the lens stood still for the image; an aperture of 0 is open.
+    focus_counts: int | None = None
+    aperture_counts: int | None = None
+    # Of the camera, as it tells it itself, and of the lens, °C.
+    temperature_camera_c: float | None = None
+    temperature_lens_c: float | None = None
     # Whether there is a pointing.
     solved: bool
     # How the image ended: solved, no_match, …

@@ -138,7 +138,7 @@ def reasons(figure, solutions, beside):
 
 
 def focus(figure, solutions, beside):
-    """Width of the stars and focus over time, and the width against focus and temperature."""
+    """Focus and temperature over time and against each other, and what the width of the stars makes of both."""
     rows = []
     for solution in solutions:
         header = header_of(solution, beside.images or {})
@@ -149,12 +149,14 @@ def focus(figure, solutions, beside):
         rows.append((solution.captured, width, analysis.focus_of(solution, header), celsius))
     if not any(width for _, width, _, _ in rows):
         raise NothingToPlot("no image has the width of its stars")
-    (time, against_focus), (focus_time, against_temperature) = figure.subplots(2, 2)
+    (time, against_focus), (focus_time, against_temperature), (temperature_time, focus_temperature) = figure.subplots(3, 2)
     panels = (
         (time, 0, 1, "UTC", "FWHM, px"),
         (against_focus, 2, 1, "focus, counts", "FWHM, px"),
         (focus_time, 0, 2, "UTC", "focus, counts"),
         (against_temperature, 3, 1, "temperature, °C", "FWHM, px"),
+        (temperature_time, 0, 3, "UTC", "temperature, °C"),
+        (focus_temperature, 3, 2, "temperature, °C", "focus, counts"),
     )
     for panel, i, j, across, up in panels:
         points = [(row[i], row[j]) for row in rows if row[i] is not None and row[j] is not None]

@@ -15,9 +15,9 @@ const MOST_CHI2: f64 = 9.0;
 /// How the second camera is turned.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Offset {
-    /// Where its boresight is in the first one's frame, rad along left.
+    /// Where its boresight is in the first one's frame: to the left, as an azimuth about up, rad.
     pub left: f64,
-    /// The same along up, rad.
+    /// The same up, as an elevation, rad.
     pub up: f64,
     /// By how much its picture is turned about the boresight, from up to right (against the position angle), rad.
     pub roll: f64,
@@ -88,7 +88,7 @@ pub fn offset(pairs: &[[(Attitude, Mat3); 2]]) -> Result<Offset, OffsetError> {
     let (boresight, up) = (mean.boresight(), mean.up());
     Ok(Offset {
         left: boresight.x.atan2(boresight.z),
-        up: boresight.y.atan2(boresight.z),
+        up: boresight.y.clamp(-1.0, 1.0).asin(),
         roll: (-up.x).atan2(up.y),
         sigmas: covariance.diagonal().map(|variance| (variance.max(0.0) * chi2.max(1.0)).sqrt()),
         pairs: used,
@@ -140,7 +140,7 @@ mod tests {
             let seen = between(&[(truth, Mat3::zeros()), (truth.turned(&turn), Mat3::zeros())]);
             let (boresight, up) = (seen.boresight(), seen.up());
             assert!((found.left - boresight.x.atan2(boresight.z)).abs() < 5.0 * found.sigmas.max(), "{found:?}");
-            assert!((found.up - boresight.y.atan2(boresight.z)).abs() < 5.0 * found.sigmas.max(), "{found:?}");
+            assert!((found.up - boresight.y.asin()).abs() < 5.0 * found.sigmas.max(), "{found:?}");
             assert!((found.roll - (-up.x).atan2(up.y)).abs() < 5.0 * found.sigmas.max(), "{found:?}");
             assert!((0.7..1.4).contains(&found.chi2_per_dof), "{found:?}");
         }

@@ -33,6 +33,10 @@ pub struct Stamp {
     pub focus_counts: Option<i32>,
     /// Aperture position, 0 is fully open.
     pub aperture_counts: Option<i32>,
+    /// Temperature of the camera, as it tells it itself, °C.
+    pub temperature_camera_c: Option<f64>,
+    /// Temperature of the lens, as the housekeeping has it, °C.
+    pub temperature_lens_c: Option<f64>,
     /// The observer at capture, where the file says.
     pub observer: Option<Observer>,
     /// Rendered, or taken by a simulated camera or lens.

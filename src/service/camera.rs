@@ -2,6 +2,7 @@
 
 use super::archive::{self, ToArchive};
 use super::clock::Clock;
+use super::housekeeping::Quantity;
 use super::hub::{self, ToHub};
 use super::inbox::Inbox;
 use super::left_behind::LeftBehind;
@@ -75,6 +76,8 @@ struct Shot {
     source: Option<Box<dyn Source>>,
     /// The gain of a source that was made for this frame, dB, where it has one.
     gain_db: Option<f64>,
+    /// The camera's temperature, °C, where it offers one.
+    temperature_c: Option<f64>,
     image: Result<Taken, CameraError>,
 }
 
@@ -152,10 +155,10 @@ impl CameraActor {
         let running = self.left_behind.start();
         let job = tokio::task::spawn_blocking(move || match running {
             Some(_running) => shoot(source, &make, &moment),
-            None => Shot { source, gain_db: None, image: Err(CameraError::Unavailable(HANGS.to_owned())) },
+            None => Shot { source, gain_db: None, temperature_c: None, image: Err(CameraError::Unavailable(HANGS.to_owned())) },
         });
         let Some(shot) = self.stop.run_until_cancelled(job).await else { return Ok(None) };
-        let Shot { source, gain_db, image: taken } = shot.map_err(|error| Ended(panic_message(error)))?;
+        let Shot { source, gain_db, temperature_c, image: taken } = shot.map_err(|error| Ended(panic_message(error)))?;
         if let Some(gain_db) = gain_db {
             self.hub.tell(ToHub::Gain { number: NOBODY, result: Ok(gain_db) }).await;
         }
@@ -163,7 +166,8 @@ impl CameraActor {
             Ok(Taken { mut series, mut sum }) => {
                 let stamp = |stamp: &mut Stamp| {
                     self.number(image, &state, stamp);
-                    self.note_instrument(&state, stamp);
+                    stamp.temperature_camera_c = stamp.temperature_camera_c.or(temperature_c);
+                    self.note_instrument(&state, at, stamp);
                 };
                 series.stamp(stamp);
                 sum.iter_mut().for_each(|sum| stamp(&mut sum.stamp));
@@ -206,14 +210,16 @@ impl CameraActor {
         pairs.filter(|(_, archive, exposure)| lost(archive, exposure)).map(|(disk, ..)| *disk).collect()
     }
 
-    /// Stamps a frame with the gain, and with where the lens stood for all of it; nothing where that is not known, or it moved.
-    fn note_instrument(&self, before: &State, stamp: &mut Stamp) {
+    /// Stamps a frame with the gain, the lens's temperature, and with where the lens stood for all of it; nothing where that is not known, or it moved.
+    fn note_instrument(&self, before: &State, at: Instant, stamp: &mut Stamp) {
         let after = self.state.borrow();
         let stood = before.lens_requests.is_empty() && after.lens_requests.is_empty();
         let focus = before.focus_known().filter(|focus| stood && after.focus_known() == Some(*focus));
         let aperture = before.aperture_known().filter(|aperture| after.aperture_known() == Some(*aperture));
         stamp.focus_counts = stamp.focus_counts.or(focus.map(|focus| focus.0));
         stamp.aperture_counts = stamp.aperture_counts.or(aperture.map(|aperture| aperture.0));
+        let celsius = before.measured.value(Quantity::TemperatureLens, at, &before.settings);
+        stamp.temperature_lens_c = stamp.temperature_lens_c.or(celsius);
         stamp.gain_db = stamp.gain_db.or(before.camera_gain.filter(|gain| after.camera_gain == Some(*gain)));
     }
 
@@ -255,7 +261,7 @@ fn shoot(source: Option<Box<dyn Source>>, make: &MakeSource, moment: &Moment) ->
     };
     let mut source = match made {
         Ok(source) => source,
-        Err(why) => return Shot { source: None, gain_db: None, image: Err(CameraError::Unavailable(why)) },
+        Err(why) => return Shot { source: None, gain_db: None, temperature_c: None, image: Err(CameraError::Unavailable(why)) },
     };
     let gain_db = if is_new { source.gain().ok() } else { None };
     let series = catch_unwind(AssertUnwindSafe(|| source.next(moment))).unwrap_or_else(|panic| {
@@ -263,5 +269,11 @@ fn shoot(source: Option<Box<dyn Source>>, make: &MakeSource, moment: &Moment) ->
         Err(CameraError::Unreadable { origin: format!("image {}", moment.image.0), problem })
     });
     let image = series.map(|series| Taken { sum: series.sum(), series });
-    Shot { source: Some(source), gain_db, image }
+    let temperature_c = temperature_of(source.as_mut());
+    Shot { source: Some(source), gain_db, temperature_c, image }
+}
+
+/// The camera's temperature; a driver that panics over it offers none, and the image is there all the same.
+fn temperature_of(source: &mut dyn Source) -> Option<f64> {
+    catch_unwind(AssertUnwindSafe(|| source.temperature())).ok().flatten().filter(|celsius| celsius.is_finite())
 }

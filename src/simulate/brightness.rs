@@ -79,6 +79,11 @@ mod tests {
                     night_variance * scale * scale + photons * gain * gain + 1.0 / 12.0,
                 );
                 let got = moments(&frame);
+                println!(
+                    "brightness: {level} ke/s/px at {gain_db} dB, {simulated_exposure_s} s: mean {:+.4} %, variance {:+.3} % off",
+                    100.0 * (got.0 / wanted.0 - 1.0),
+                    100.0 * (got.1 / wanted.1 - 1.0)
+                );
                 assert!((got.0 / wanted.0 - 1.0).abs() < 0.005, "{level} at {gain_db} dB: {got:?} against {wanted:?}");
                 assert!((got.1 / wanted.1 - 1.0).abs() < 0.02, "{level} at {gain_db} dB: {got:?} against {wanted:?}");
                 assert!(frame.stamp.simulated);

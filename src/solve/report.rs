@@ -31,6 +31,18 @@ pub struct Report {
     pub missing_packets: u32,
     /// Images that the camera took before this one, and that never came.
     pub missed_frames: u32,
+    /// Exposure time of one exposure.
+    pub exposure_s: Option<f64>,
+    /// Gain of the camera.
+    pub gain_db: Option<f64>,
+    /// Focus, encoder counts, where it stood still for the image.
+    pub focus_counts: Option<i32>,
+    /// Aperture, 0 is open, where it stood still for the image.
+    pub aperture_counts: Option<i32>,
+    /// Temperature of the camera, as it tells it itself.
+    pub temperature_camera_c: Option<f64>,
+    /// Temperature of the lens.
+    pub temperature_lens_c: Option<f64>,
     /// Whether there is a pointing.
     pub solved: bool,
     /// How the frame ended.
@@ -293,6 +305,12 @@ impl Report {
             simulated: stamp.simulated,
             missing_packets: stamp.missing_packets,
             missed_frames: stamp.missed_frames,
+            exposure_s: stamp.exposure_s.and_then(finite),
+            gain_db: stamp.gain_db.and_then(finite),
+            focus_counts: stamp.focus_counts,
+            aperture_counts: stamp.aperture_counts,
+            temperature_camera_c: stamp.temperature_camera_c.and_then(finite),
+            temperature_lens_c: stamp.temperature_lens_c.and_then(finite),
             solved: outcome.reason == Reason::Solved && solution.is_some(),
             reason: outcome.reason,
             cause: outcome.cause,

@@ -12,9 +12,11 @@
 
 mod actors;
 mod commands;
+mod disk;
 mod housekeeping;
 mod images;
 mod motion;
 mod program;
+mod records;
 mod sessions;
 mod support;

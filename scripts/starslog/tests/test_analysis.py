@@ -70,6 +70,12 @@ class Headers(WithDirectory):
         header = header_of(solution, starslog.kept_images(self.directory))
         self.assertEqual(analysis.focus_of(solution, header), 2995)
         self.assertIsNone(analysis.temperature_of(solution, header))
+        self.assertEqual(analysis.temperature_of(solution, {"CCD-TEMP": 5.0, "LENSTEMP": -2.5}), -2.5)
+        logged = solved(focus_counts=2800, temperature_camera_c=21.0, temperature_lens_c=None)
+        (solution,) = starslog.get_solutions(self.write([logged]))
+        self.assertEqual((analysis.focus_of(solution, header), analysis.temperature_of(solution, {})), (2800, 21.0))
+        solution.temperature_lens_c = -7.25
+        self.assertEqual(analysis.temperature_of(solution, {"LENSTEMP": -2.5}), -7.25)
 
 
 class Errors(WithDirectory):

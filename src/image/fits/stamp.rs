@@ -27,6 +27,8 @@ pub(super) fn from_header(header: &Header) -> Stamp {
         gain_db: known(&["GAIN"]).filter(|card| card.comment.to_ascii_uppercase().contains("DB")).and_then(|card| card.number()),
         focus_counts: integer(&["FOCUS"]).and_then(|n| i32::try_from(n).ok()),
         aperture_counts: integer(&["APERTURE"]).and_then(|n| i32::try_from(n).ok()),
+        temperature_camera_c: known(&["CCD-TEMP"]).and_then(|card| card.number()),
+        temperature_lens_c: known(&["LENSTEMP"]).and_then(|card| card.number()),
         observer: observer(known(&["APPROX_LAT", "APRX_LAT", "LAT"]), known(&["APPROX_LST", "APRX_LST", "LST"])),
         simulated: header.card("SIMULATE").is_some_and(|card| card.value == "T"),
         missing_packets: integer(&["PKTLOST"]).and_then(|n| u32::try_from(n).ok()).unwrap_or(0),
@@ -65,6 +67,12 @@ pub(super) fn to_cards(stamp: &Stamp, cards: &mut Cards) {
     }
     if let Some(aperture) = stamp.aperture_counts {
         cards.integer("APERTURE", aperture, "[count] aperture position, 0 is open");
+    }
+    if let Some(celsius) = stamp.temperature_camera_c {
+        cards.real("CCD-TEMP", celsius, "[Celsius] temperature of the camera");
+    }
+    if let Some(celsius) = stamp.temperature_lens_c {
+        cards.real("LENSTEMP", celsius, "[Celsius] temperature of the lens");
     }
     if let Some(observer) = stamp.observer {
         cards.real("LAT", observer.latitude / DEG, "[deg] latitude of the observer");
