@@ -38,12 +38,22 @@ fn fill(ballast: &Path) {
     }
 }
 
+/// Puts each of two in the place of the other, at once.
+fn exchange(one: &Path, other: &Path) {
+    use rustix::fs::{CWD, RenameFlags, renameat_with};
+    renameat_with(CWD, one, CWD, other, RenameFlags::EXCHANGE).unwrap();
+}
+
 /// The numbers of the images in a directory of days, each file whole.
 fn whole_images(directory: &Path) -> BTreeSet<u32> {
     let entries =
         |directory: &Path| -> Vec<PathBuf> { fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().path()).collect() };
     let mut numbers = BTreeSet::new();
     for file in entries(directory).iter().filter(|day| day.is_dir()).flat_map(|day| entries(day)) {
+        // What was under way when the disk went is no file of ours, and nobody was told of it.
+        if file.extension().is_none_or(|ending| ending != "fits") {
+            continue;
+        }
         let (name, bytes) = (file.display().to_string(), fs::read(&file).unwrap());
         assert_eq!(checksum_holds(&bytes), Some(true), "{name}");
         let image = read(&name, &bytes).unwrap();
@@ -65,10 +75,11 @@ async fn every_frame_told_as_kept_is_whole_and_the_log_complete_while_the_disk_f
     settings.service.restart_delay_s = 0.01;
     settings.service.restart_delay_max_s = 0.05;
     (settings.record.enabled, settings.record.images) = (true, true);
-    (settings.record.reserve_gib, settings.record.images_limit_gib) = (0.0005, 0.004);
+    (settings.record.reserve_gib, settings.record.images_limit_gib) = (0.0005, 0.001);
     (settings.record.queue_frames, settings.record.queue_images) = (4096, 64);
     settings.record.directory = record.display().to_string();
     let allowed = Arc::new(AtomicU32::new(0));
+    fs::write(&gone, "").unwrap();
     let running = start(settings, Parts { camera: camera_of(&allowed), solver: plain_solver(), lens: None }).await;
     let mut taken = 0;
     let mut advance = async |more: u32| {
@@ -88,12 +99,10 @@ async fn every_frame_told_as_kept_is_whole_and_the_log_complete_while_the_disk_f
             advance(PHASE).await;
         }
         // A disk that is gone: nothing can be written where it was.
-        fs::rename(&record, &gone).unwrap();
-        fs::write(&record, "").unwrap();
+        exchange(&record, &gone);
         failed += 1;
         advance(2 * PHASE).await;
-        fs::remove_file(&record).unwrap();
-        fs::rename(&gone, &record).unwrap();
+        exchange(&record, &gone);
         advance(PHASE).await;
     }
     let every = |state: &Arc<State>| state.counters.records_written + state.counters.records_lost >= frames;
@@ -117,7 +126,9 @@ async fn every_frame_told_as_kept_is_whole_and_the_log_complete_while_the_disk_f
     assert_eq!(logged, (0..u64::from(frames)).collect::<Vec<_>>(), "each frame has its line, and one alone");
 
     let whole = whole_images(&record.join("images"));
-    assert_eq!(whole.len() as u32, images.kept - images.thinned, "{images:?}");
+    // One that was whole when the disk went, before anybody was told, may be there besides.
+    let told = images.kept - images.thinned;
+    assert!((told..=told + images.disk_errors).contains(&(whole.len() as u32)), "{} on disk, {images:?}", whole.len());
     println!(
         "{frames} frames, the disk filled {filled} times, gone {failed} times: {} lines, {} images kept, {} thinned since, {} whole on \
          disk, {} lost and counted, {} errors of the disk told",
