@@ -111,7 +111,7 @@ pub fn lens(frames: &[Solved], half_diagonal_px: f64, sigma_axis_px: f64) -> Res
         sigma_axis_px,
     };
     let free = fit_together(&views, half_diagonal_px, &prior).ok_or(Refusal::NoFit)?;
-    let (_, sigma_k1) = (free.sigmas[0], free.sigmas[1]);
+    let [_, sigma_k1, ..] = free.sigmas;
     let warranted = free.k1.abs() > WARRANTED_SIGMAS * sigma_k1;
     let held = FitPrior { sigma_k1: 0.0, sigma_axis_px: 0.0, ..prior };
     let joint = if warranted { free.clone() } else { fit_together(&views, half_diagonal_px, &held).ok_or(Refusal::NoFit)? };

@@ -42,6 +42,8 @@ pub struct Store {
     shelf: Option<Shelf<PathBuf>>,
     /// The file in the making.
     bytes: Vec<u8>,
+    /// Images that went to make room for one that could not be kept after all: they are told with the next one.
+    thinned: u32,
 }
 
 /// What came of keeping an image.
@@ -56,7 +58,7 @@ pub struct Saved {
 impl Store {
     /// A store that nobody has looked into yet.
     pub fn new(rules: StoreRules) -> Self {
-        Self { rules, shelf: None, bytes: Vec::new() }
+        Self { rules, shelf: None, bytes: Vec::new(), thinned: 0 }
     }
 
     /// Keeps an image, with what its solving ended in where that is known; down to the disk, so that it outlasts a power cut. `replaces`: the
@@ -87,7 +89,7 @@ impl Store {
         let directory = path.parent().unwrap_or(&self.rules.directory);
         fs::create_dir_all(directory)?;
         // The old file has the same length, near enough, but is there until the new one is.
-        let thinned = self.make_room(shelf)?;
+        self.make_room(shelf)?;
         let unfinished = path.with_extension(UNFINISHED);
         if let Err(error) = put(&unfinished, &path, directory, &self.bytes) {
             let _ = fs::remove_file(&unfinished);
@@ -96,7 +98,7 @@ impl Store {
         if replaces.is_none() {
             shelf.put(frame.stamp.image, path.clone(), self.bytes.len() as u64);
         }
-        Ok(Saved { path, thinned })
+        Ok(Saved { path, thinned: std::mem::take(&mut self.thinned) })
     }
 
     fn encode(&mut self, frame: &Frame, outcome: Option<&Outcome>) -> io::Result<()> {
@@ -112,11 +114,11 @@ impl Store {
     }
 
     /// Lets images go until the next one has room.
-    fn make_room(&self, shelf: &mut Shelf<PathBuf>) -> io::Result<u32> {
-        let (size, rules) = (self.bytes.len() as u64, &self.rules);
-        let mut thinned = 0;
-        while rules.limit_bytes > 0 && shelf.bytes().saturating_add(size) > rules.limit_bytes && thinned < MOST_THINNED {
-            thinned += u32::from(let_go(shelf)?);
+    fn make_room(&mut self, shelf: &mut Shelf<PathBuf>) -> io::Result<()> {
+        let (size, rules, mut gone) = (self.bytes.len() as u64, &self.rules, 0);
+        while rules.limit_bytes > 0 && shelf.bytes().saturating_add(size) > rules.limit_bytes && gone < MOST_THINNED {
+            let went = u32::from(let_go(shelf)?);
+            (gone, self.thinned) = (gone + went, self.thinned.saturating_add(went));
             if shelf.is_empty() {
                 break;
             }
@@ -131,10 +133,10 @@ impl Store {
         let mut made = 0;
         while made < short && !shelf.is_empty() {
             let before = shelf.bytes();
-            thinned += u32::from(let_go(shelf)?);
+            self.thinned = self.thinned.saturating_add(u32::from(let_go(shelf)?));
             made += before.saturating_sub(shelf.bytes());
         }
-        Ok(thinned)
+        Ok(())
     }
 }
 

@@ -134,7 +134,7 @@ impl Gathered {
         let mut frames = 0;
         let mut rows = None;
         let mut shots = Vec::new();
-        let take = |outcome: &Map<String, Value>| {
+        let mut take = |outcome: &Map<String, Value>| {
             frames += 1;
             let order = *rows.get_or_insert_with(|| row_order(outcome, settings, model));
             if let Some(order) = order {
@@ -143,7 +143,6 @@ impl Gathered {
                 rows = None;
             }
         };
-        let mut take = take;
         // Nobody is left to tell where even stderr is closed.
         each_line(records, |line| take(&line.outcome), |complaint| drop(writeln!(stderr(), "stars: {complaint}")))?;
         (self.frames, self.shots) = (frames, shots);
