@@ -36,6 +36,7 @@ impl Old {
             observer: None,
             horizontal: None,
             equatorial: None,
+            motion: None,
             commands: std::array::from_fn(entry),
         };
         Self { stream: near, block }
