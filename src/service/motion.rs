@@ -162,7 +162,8 @@ mod tests {
     /// A series of two exposures as a program of old records it, and as the native message says it.
     #[tokio::test]
     async fn a_packet_of_old_gives_the_motion_of_the_native_one() {
-        let exposing = |index: usize| [0..12, 31..43].iter().position(|row| row.contains(&index)).map_or(-1, |place| place as i32);
+        let exposing =
+            |index: usize| [0..12, 31..43].iter().position(|row| row.contains(&index)).map_or(-1, |place| place as i32);
         let rate = |index: usize| (0.002 + 1e-5 * index as f32, -0.001 - 2e-5 * index as f32);
         let steps: Vec<Step> = (0..43).map(|i| Step { exposure: exposing(i), az: rate(i).0, el: rate(i).1 }).collect();
         let old = Recorded { counter_fcp: 96, counter_stars: 6, elevation: 0.7, steps };

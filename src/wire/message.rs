@@ -3,7 +3,8 @@
 use super::frame::{crc32, put_frame, skip_to_sync, take_frame};
 use super::layout::{About, BodyError};
 use super::{
-    Commands, Element, Form, Gyro, Hello, ImageChunk, ImageRefusal, ImageRequest, MAX_FRAME, Refuse, Scalar, Status, Table, Update,
+    Commands, Element, Form, Gyro, Hello, ImageChunk, ImageRefusal, ImageRequest, MAX_FRAME, Refuse, Scalar, Status, Table,
+    Update,
 };
 use bytes::BytesMut;
 use std::fmt::Write;

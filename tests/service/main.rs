@@ -18,3 +18,4 @@ mod motion;
 mod program;
 mod sessions;
 mod support;
+mod transfer;

@@ -49,7 +49,8 @@ impl LegacyImages {
         let newest = |state: &super::super::state::State| state.newest_kept.map(|(image, _)| image);
         let mut last = newest(&state.borrow());
         loop {
-            let new = state.wait_for(|state| state.settings.images.send && state.may_send_images() && newest(state) != last).await;
+            let new =
+                state.wait_for(|state| state.settings.images.send && state.may_send_images() && newest(state) != last).await;
             let Ok(new) = new.map(|state| newest(&state)) else { return };
             last = new;
             sleep(BEFORE).await;

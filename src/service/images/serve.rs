@@ -83,7 +83,9 @@ impl Server<'_> {
                 let named = request.image_counter.get().map(|image| (ImageCounter(image.get()), request.exposure));
                 let after = if foreign { None } else { named.or(kept) };
                 let next = |state: &State| {
-                    state.newest_kept.filter(|newest| Some(*newest) > after && state.settings.images.send && state.may_send_images())
+                    state
+                        .newest_kept
+                        .filter(|newest| Some(*newest) > after && state.settings.images.send && state.may_send_images())
                 };
                 let newest = match self.state.wait_for(|state| next(state).is_some()).await {
                     Ok(state) => next(&state),

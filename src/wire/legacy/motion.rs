@@ -106,11 +106,12 @@ impl Recorded {
         let mut rows: Vec<(usize, usize)> = Vec::new();
         let mut before = NO_EXPOSURE;
         for (index, step) in self.steps.iter().enumerate().map(|(index, step)| (index, step.exposure)) {
-            match rows.last_mut() {
-                _ if step <= NO_EXPOSURE => {}
-                Some((_, count)) if step == before => *count += 1,
-                _ if usize::try_from(step).ok() == Some(rows.len()) => rows.push((index, 1)),
-                _ => return Err(format!("exposure {step} after {} others", rows.len())),
+            let (goes_on, next) = (step > NO_EXPOSURE && step == before, rows.len());
+            match rows.last_mut().filter(|_| goes_on) {
+                Some((_, count)) => *count += 1,
+                None if step <= NO_EXPOSURE => {}
+                None if usize::try_from(step).ok() == Some(next) => rows.push((index, 1)),
+                None => return Err(format!("exposure {step} after {next} others")),
             }
             before = step;
         }
@@ -168,7 +169,7 @@ mod tests {
     #[test]
     fn what_cannot_be_meant_is_refused_in_words() {
         let refused = |recorded: Recorded| recorded.gyro().unwrap_err();
-        assert!(refused(recorded(&[0, 2])).contains("exposure 2 after 1"));
+        assert!(refused(recorded(&[0, 2])).contains("exposure 2 after 1 others"));
         assert!(refused(recorded(&[1, 1])).contains("exposure 1 after 0"));
         assert!(refused(recorded(&[0, -1, 0])).contains("exposure 0 after 1"));
         assert!(refused(Recorded { counter_stars: -1, ..recorded(&[0]) }).contains("counter_stars"));
