@@ -14,6 +14,8 @@ const STEP_BYTES: usize = 12;
 const STEPS: usize = 156;
 /// Steps in a second: the flight program's main loop, Hz.
 const STEP_RATE_HZ: f64 = 100.16;
+/// No rate is higher, as in the native message, deg/s.
+const FASTEST_DEG_S: f32 = 1000.0;
 /// Where no exposure is under way.
 const NO_EXPOSURE: i32 = -1;
 
@@ -81,8 +83,9 @@ impl Recorded {
         if !self.elevation.is_finite() {
             return Err("the elevation is not finite".to_owned());
         }
-        if !self.steps.iter().all(|step| step.az.is_finite() && step.el.is_finite()) {
-            return Err("a rate is not finite".to_owned());
+        let sane = |rates: Rates| rates.az_rate_deg_s.abs() <= FASTEST_DEG_S && rates.el_rate_deg_s.abs() <= FASTEST_DEG_S;
+        if !self.steps.iter().all(|step| sane(rates(step))) {
+            return Err(format!("a rate is not within {FASTEST_DEG_S} deg/s"));
         }
         let exposures = self.exposures()?;
         // The last rate holds to the end of its step, which a number of 32 bits may put a hair beyond.
