@@ -308,6 +308,23 @@ async fn chunks_between_updates_keep_to_their_rate_and_delay_none_of_them() {
     assert!(got as f64 <= most && got as f64 > 0.7 * most, "{got} bytes, at most {most}");
 }
 
+#[tokio::test(start_paused = true)]
+async fn a_request_that_comes_right_behind_the_hello_is_answered() {
+    let (directory, allowed) = (tempfile::tempdir().unwrap(), Arc::new(AtomicU32::new(1)));
+    let running = keeping(directory.path(), &allowed).await;
+    kept(&running, 0).await;
+    let mut peer = Peer::attach(&running, 1 << 16).await;
+    peer.send(Message::Hello(Box::new(hello(1)))).await;
+    peer.send(Message::ImageRequest(Box::new(request(0, ImageForm::Raw, 0)))).await;
+    loop {
+        match peer.link.next().await.expect("it was closed").unwrap() {
+            Message::ImageChunk(chunk) => break assert_eq!(chunk.bytes().len(), CHUNK_BYTES),
+            Message::Hello(_) | Message::Update(_) => {}
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_reader_that_is_slow_has_one_chunk_under_way_and_neither_its_updates_nor_the_others_wait() {
     let (directory, allowed) = (tempfile::tempdir().unwrap(), Arc::new(AtomicU32::new(1)));

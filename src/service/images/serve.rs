@@ -44,6 +44,8 @@ struct Server<'a> {
 /// Answers the requests of a connection, each in its time, until nobody takes the answers any more.
 pub async fn serve(shared: &Shared, requests: &Requests, answers: mpsc::Sender<Message>) {
     let mut newest = requests.newest.subscribe();
+    // One may have come before this began.
+    newest.mark_changed();
     let mut server = Server { shared, state: shared.state.clone(), opened: None, not_before: Instant::now() };
     while newest.changed().await.is_ok() {
         loop {
