@@ -93,7 +93,7 @@ class Computer:
                     asked = False
                     self.result["refused"].append(values["words"])
                     self.begun, self.bytes = None, bytearray()
-                if self.form and not asked:
+                if self.form and not asked and self.result["updates"]:
                     asked = True
                     self.ask()
         return self.result
