@@ -1936,6 +1936,139 @@ static void print_commands(const stars_commands_t *m)
     printf("}");
 }
 
+static void print_image_request(const stars_image_request_t *m)
+{
+    printf("{\"request\": ");
+    {
+        printf("%lu", (unsigned long)m->request);
+    }
+    printf(", \"wanted\": ");
+    {
+        print_code(m->wanted, (const char *const[]){"image", "newest", "next"});
+    }
+    printf(", \"camera_boot_id_known\": ");
+    {
+        printf(m->camera_boot_id_known ? "true" : "false");
+    }
+    printf(", \"camera_boot_id\": ");
+    if (!(m->camera_boot_id_known))
+        printf("null");
+    else
+    {
+        printf("%lu", (unsigned long)m->camera_boot_id);
+    }
+    printf(", \"image_counter_known\": ");
+    {
+        printf(m->image_counter_known ? "true" : "false");
+    }
+    printf(", \"image_counter\": ");
+    if (!(m->image_counter_known))
+        printf("null");
+    else
+    {
+        printf("%lu", (unsigned long)m->image_counter);
+    }
+    printf(", \"exposure\": ");
+    {
+        printf("%lu", (unsigned long)m->exposure);
+    }
+    printf(", \"form\": ");
+    {
+        print_code(m->form, (const char *const[]){"raw", "view"});
+    }
+    printf(", \"offset\": ");
+    {
+        printf("%lu", (unsigned long)m->offset);
+    }
+    printf(", \"begun_crc32_known\": ");
+    {
+        printf(m->begun_crc32_known ? "true" : "false");
+    }
+    printf(", \"begun_crc32\": ");
+    if (!(m->begun_crc32_known))
+        printf("null");
+    else
+    {
+        printf("%lu", (unsigned long)m->begun_crc32);
+    }
+    printf(", \"rate_bytes_s\": ");
+    {
+        printf("%lu", (unsigned long)m->rate_bytes_s);
+    }
+    printf("}");
+}
+
+static void print_image_chunk(const stars_image_chunk_t *m)
+{
+    printf("{\"request\": ");
+    {
+        printf("%lu", (unsigned long)m->request);
+    }
+    printf(", \"camera_boot_id\": ");
+    {
+        printf("%lu", (unsigned long)m->camera_boot_id);
+    }
+    printf(", \"image_counter\": ");
+    {
+        printf("%lu", (unsigned long)m->image_counter);
+    }
+    printf(", \"exposure\": ");
+    {
+        printf("%lu", (unsigned long)m->exposure);
+    }
+    printf(", \"exposures\": ");
+    {
+        printf("%lu", (unsigned long)m->exposures);
+    }
+    printf(", \"form\": ");
+    {
+        print_code(m->form, (const char *const[]){"raw", "view"});
+    }
+    printf(", \"total_bytes\": ");
+    {
+        printf("%lu", (unsigned long)m->total_bytes);
+    }
+    printf(", \"file_crc32\": ");
+    {
+        printf("%lu", (unsigned long)m->file_crc32);
+    }
+    printf(", \"offset\": ");
+    {
+        printf("%lu", (unsigned long)m->offset);
+    }
+    printf(", \"bytes_count\": ");
+    {
+        printf("%lu", (unsigned long)m->bytes_count);
+    }
+    printf(", \"bytes\": ");
+    {
+        printf("[");
+        for (size_t i = 0; i < m->bytes_count; i++) {
+        printf(i ? ", " : "");
+        printf("%lu", (unsigned long)m->bytes[i]);
+        }
+        printf("]");
+    }
+    printf("}");
+}
+
+static void print_image_refusal(const stars_image_refusal_t *m)
+{
+    printf("{\"request\": ");
+    {
+        printf("%lu", (unsigned long)m->request);
+    }
+    printf(", \"no_image\": ");
+    {
+        print_code(m->no_image, (const char *const[]){"never_was", "not_kept", "changed", "offset", "rate", "no_number", "disk", "form", "busy"});
+    }
+    printf(", \"words\": ");
+    {
+        print_text(m->words, 96);
+    }
+    printf("}");
+}
+
 static int print_body(uint8_t kind, const uint8_t *body)
 {
     switch (kind) {
@@ -1956,6 +2089,15 @@ static int print_body(uint8_t kind, const uint8_t *body)
         return 0;
     case STARS_KIND_COMMANDS:
         print_commands((const stars_commands_t *)(const void *)body);
+        return 0;
+    case STARS_KIND_IMAGE_REQUEST:
+        print_image_request((const stars_image_request_t *)(const void *)body);
+        return 0;
+    case STARS_KIND_IMAGE_CHUNK:
+        print_image_chunk((const stars_image_chunk_t *)(const void *)body);
+        return 0;
+    case STARS_KIND_IMAGE_REFUSAL:
+        print_image_refusal((const stars_image_refusal_t *)(const void *)body);
         return 0;
     default:
         return 1;

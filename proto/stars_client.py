@@ -4,6 +4,7 @@
 Written by hand from ICD.md, not made from the camera's program, so that the two check each other. Use it as a program:
 
     python3 stars_client.py --connect 192.168.1.6:2017 --id 1 --in-charge
+    python3 stars_client.py --connect 192.168.1.6:2017 --id 1 --fetch newest --out newest.fits
     python3 stars_client.py --decode golden/v1/update_solved.hex
 
 or as a module: Stream turns received bytes into messages, encode() makes a frame to send.
@@ -64,6 +65,9 @@ CODES = {
     "actor": ["camera", "lens", "solver", "hub", "recorder", "ledger", "listener", "session", "housekeeping", "legacy_listener",
               "archive"],
     "shed": ["nothing", "display", "images", "solving"],
+    "wanted": ["image", "newest", "next"],
+    "form": ["raw", "view"],
+    "no_image": ["never_was", "not_kept", "changed", "offset", "rate", "no_number", "disk", "form", "busy"],
 }
 
 # One field a line: its name and what it is, as a letter of `struct` (`96s` is text, `3x3d` an array, `B=list` a code of
@@ -374,6 +378,35 @@ LAYOUTS = {
         }
         tag ?32B
     """),
+    7: ("image_request", """
+        request I
+        wanted B=wanted
+        camera_boot_id ?I
+        image_counter ?I
+        exposure B
+        form B=form
+        offset I
+        begun_crc32 ?I
+        rate_bytes_s I
+    """),
+    8: ("image_chunk", """
+        request I
+        camera_boot_id I
+        image_counter I
+        exposure B
+        exposures B
+        form B=form
+        total_bytes I
+        file_crc32 I
+        offset I
+        bytes_count H
+        bytes 2048B
+    """),
+    9: ("image_refusal", """
+        request I
+        no_image B=no_image
+        words 96s
+    """),
 }
 
 
@@ -416,6 +449,7 @@ class Scalar:
             value = list(values)
             for count in self.dims[:0:-1]:
                 value = [value[i:i + count] for i in range(0, len(value), count)]
+            value = value[:out.get(self.name + "_count", len(value))]
         out[self.name] = value
         return at + self.size
 
@@ -432,6 +466,7 @@ class Scalar:
         elif self.dims:
             for _ in self.dims[1:]:
                 value = [inner for row in value for inner in row]
+            value = value + [0] * (self.dims[0] - len(value)) if len(self.dims) == 1 else value
             return self.format.pack(*value)
         return self.format.pack(value)
 
@@ -643,6 +678,70 @@ class Relay:
         return not self.waiting and not self.given
 
 
+class Fetch:
+    """An image for a file, piece by piece. What came before a break lies in FILE.part, and beside it a note which image that is."""
+
+    def __init__(self, options):
+        self.options, self.number, self.end = options, 0, None
+        self.part, self.note = options.out + ".part", options.out + ".part.json"
+        self.begun, self.offset, self.not_before = None, 0, 0.0
+        if os.path.exists(self.part) and os.path.exists(self.note):
+            with open(self.note, encoding="utf-8") as file:
+                begun = json.load(file)
+            if begun["form"] == self.form() and begun["asked"] == options.fetch:
+                self.begun, self.offset = begun, os.path.getsize(self.part)
+
+    def form(self):
+        return "view" if self.options.view else "raw"
+
+    def request(self):
+        """The next request."""
+        options = self.options
+        self.number += 1
+        values = {"request": self.number, "wanted": "image", "form": self.form(), "exposure": options.exposure,
+                  "offset": self.offset, "rate_bytes_s": options.rate}
+        if self.begun:
+            for name in ("camera_boot_id", "image_counter", "exposure"):
+                values[name] = self.begun[name]
+            values["begun_crc32"] = self.begun["file_crc32"]
+        elif options.fetch in ("newest", "next"):
+            values["wanted"] = options.fetch
+        else:
+            values["image_counter"] = int(options.fetch)
+        return encode("image_request", values)
+
+    def take(self, name, values, now):
+        """An answer; `end` says how it ended, once it has."""
+        if values["request"] != self.number:
+            return
+        if name == "image_refusal":
+            if values["no_image"] == "busy":
+                self.not_before = now + 1.0
+            elif values["no_image"] == "changed":
+                self.begun, self.offset = None, 0
+            else:
+                self.end = f"refused: {values['no_image']}: {values['words']}"
+            return
+        if not self.begun:
+            self.begun = {name: values[name] for name in ("camera_boot_id", "image_counter", "exposure", "exposures", "form",
+                                                          "total_bytes", "file_crc32")}
+            self.begun["asked"] = self.options.fetch
+            open(self.part, "wb").close()
+            with open(self.note, "w", encoding="utf-8") as file:
+                json.dump(self.begun, file)
+        with open(self.part, "r+b") as file:
+            file.seek(values["offset"])
+            file.write(bytes(values["bytes"]))
+        self.offset = values["offset"] + values["bytes_count"]
+        if self.offset >= values["total_bytes"]:
+            with open(self.part, "rb") as file:
+                whole = zlib.crc32(file.read()) == values["file_crc32"]
+            if whole:
+                os.replace(self.part, self.options.out)
+            os.remove(self.note)
+            self.end = "whole" if whole else "its checksum is wrong"
+
+
 class Client:
     """A flight computer that shakes hands, sends its status on a steady schedule and hands on what it gets."""
 
@@ -650,6 +749,7 @@ class Client:
         self.options, self.show = options, show
         key = bytes.fromhex(open(options.key_file, encoding="ascii").read()) if options.key_file else None
         self.relay = Relay(options.send, key)
+        self.fetch = Fetch(options) if options.fetch else None
         self.started = time.monotonic()
         self.boot_id = struct.unpack("<I", os.urandom(4))[0]
         self.updates = 0
@@ -672,6 +772,8 @@ class Client:
         })
 
     def done(self):
+        if self.fetch:
+            return self.fetch.end is not None
         if self.options.send and self.options.updates is None:
             return self.relay.idle()
         return self.options.updates is not None and self.updates >= self.options.updates
@@ -684,6 +786,7 @@ class Client:
         camera_boot, lease = 0, None
         self.relay.blocks, self.relay.acknowledged = 0, 0
         due = None  # no status before the camera's hello
+        asked = False  # a request for an image has no answer yet
         while not self.done():
             now = time.monotonic()
             if due is not None and now >= due:
@@ -692,6 +795,9 @@ class Client:
                 sequence += 1
                 # The schedule stays where it was, however late this one is.
                 due += STATUS_PERIOD_S * (1 + int((now - due) / STATUS_PERIOD_S))
+            if self.fetch and due is not None and not asked and now >= self.fetch.not_before:
+                link.sendall(self.fetch.request())
+                asked = True
             if now - heard > SILENCE_S:
                 return "the camera is silent"
             wait = SILENCE_S if due is None else due - time.monotonic()
@@ -711,6 +817,11 @@ class Client:
                     due = time.monotonic()
                     camera_boot = values["boot_id"]
                     self.show("connected", values)
+                elif name in ("image_chunk", "image_refusal") and self.fetch:
+                    asked = False
+                    self.fetch.take(name, values, heard)
+                    if self.fetch.end:
+                        self.show("image", {**(self.fetch.begun or {}), "end": self.fetch.end})
                 elif name == "refuse":
                     return f"refused: {values['refusal']}: {values['detail']}"
                 elif name == "update" and not self.done():
@@ -734,6 +845,8 @@ class Client:
                     reason = self.serve(link)
             except (OSError, WireError) as error:
                 reason = str(error)
+            if reason is None and self.fetch:
+                return 0 if self.fetch.end == "whole" else 1
             if reason is None:
                 return 1 if self.relay.refused else 0
             self.show("closed", {"reason": reason})
@@ -774,6 +887,11 @@ def main():
     parser.add_argument("--send", metavar="COMMAND", action="append", default=[],
                         help="command to send, such as 'lens.set_focus 3030'; repeatable; exit 1 if one is refused or fails")
     parser.add_argument("--key-file", metavar="FILE", help="key that this computer shares with the camera, 64 hex digits")
+    parser.add_argument("--fetch", metavar="N", help="image to fetch into --out: its number, `newest`, or `next` for the next one")
+    parser.add_argument("--out", metavar="FILE", help="file for it; goes on with FILE.part after a break")
+    parser.add_argument("--view", action="store_true", help="fetch its view over a thin link, for scripts/view.py")
+    parser.add_argument("--exposure", type=int, default=0, help="place of the exposure in its series (0)")
+    parser.add_argument("--rate", type=int, default=1000000, help="bytes/s at most (the camera's own limit)")
     parser.add_argument("--retry", type=float, default=RETRY_S, help="seconds before connecting again (9)")
     parser.add_argument("--once", action="store_true", help="do not connect again: exit 1 when the connection ends")
     parser.add_argument("--json", action="store_true", help="print JSON lines")
@@ -788,6 +906,10 @@ def main():
         frame = encode(name, values)
         print("\n".join(frame[i:i + 32].hex() for i in range(0, len(frame), 32)))
     elif options.connect:
+        if bool(options.fetch) != bool(options.out):
+            parser.error("--fetch and --out go together")
+        if options.fetch and options.fetch not in ("newest", "next") and not options.fetch.isdecimal():
+            parser.error(f"--fetch {options.fetch}: expected a number, newest or next")
         try:
             [parse_command(text) for text in options.send]
         except ValueError as error:

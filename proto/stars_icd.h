@@ -27,7 +27,7 @@
 #define STARS_PORT 2017
 #define STARS_VERSION_MIN 1
 #define STARS_VERSION_CURRENT 3
-#define STARS_SCHEMA_HASH UINT32_C(0xcd897c2c)
+#define STARS_SCHEMA_HASH UINT32_C(0x0d122d39)
 #define STARS_SYNC UINT32_C(0x1dfccf1a)
 #define STARS_MAX_FRAME 65536
 
@@ -39,6 +39,9 @@ enum {
     STARS_KIND_UPDATE = 4,
     STARS_KIND_GYRO = 5,
     STARS_KIND_COMMANDS = 6,
+    STARS_KIND_IMAGE_REQUEST = 7,
+    STARS_KIND_IMAGE_CHUNK = 8,
+    STARS_KIND_IMAGE_REFUSAL = 9,
 };
 
 /* Codes of `role`; 0 is never valid. */
@@ -217,6 +220,32 @@ enum {
     STARS_LAST_RESTART_HOUSEKEEPING = 9,
     STARS_LAST_RESTART_LEGACY_LISTENER = 10,
     STARS_LAST_RESTART_ARCHIVE = 11,
+};
+
+/* Codes of `wanted`; 0 is never valid. */
+enum {
+    STARS_WANTED_IMAGE = 1,
+    STARS_WANTED_NEWEST = 2,
+    STARS_WANTED_NEXT = 3,
+};
+
+/* Codes of `form`; 0 is never valid. */
+enum {
+    STARS_FORM_RAW = 1,
+    STARS_FORM_VIEW = 2,
+};
+
+/* Codes of `no_image`; 0 is never valid. */
+enum {
+    STARS_NO_IMAGE_NEVER_WAS = 1,
+    STARS_NO_IMAGE_NOT_KEPT = 2,
+    STARS_NO_IMAGE_CHANGED = 3,
+    STARS_NO_IMAGE_OFFSET = 4,
+    STARS_NO_IMAGE_RATE = 5,
+    STARS_NO_IMAGE_NO_NUMBER = 6,
+    STARS_NO_IMAGE_DISK = 7,
+    STARS_NO_IMAGE_FORM = 8,
+    STARS_NO_IMAGE_BUSY = 9,
 };
 
 /* What to do with a command. */
@@ -1018,6 +1047,73 @@ STARS_ASSERT(offsetof(stars_commands_t, slots_count) == 25, "stars_commands_t.sl
 STARS_ASSERT(offsetof(stars_commands_t, slots) == 26, "stars_commands_t.slots");
 STARS_ASSERT(offsetof(stars_commands_t, tag_known) == 682, "stars_commands_t.tag_known");
 STARS_ASSERT(offsetof(stars_commands_t, tag) == 683, "stars_commands_t.tag");
+
+/* Asks for a piece of an image, flight computer to camera. It has one answer, a chunk or a refusal; a request that comes before the answer to the one before takes its place. */
+typedef struct STARS_PACKED {
+    uint32_t request; /* Any number; the answer repeats it. */
+    uint8_t wanted; /* Which image. */
+    uint8_t camera_boot_id_known; /* Whether `camera_boot_id` is known. */
+    uint32_t camera_boot_id; /* The start of the camera that numbered the image; where it is not known, the present one. */
+    uint8_t image_counter_known; /* Whether `image_counter` is known. */
+    uint32_t image_counter; /* The image, by the camera's number. Of `next`: the last one that the sender has; where it is not known, all that are kept by now. */
+    uint8_t exposure; /* Place of the exposure in its series, 0 for an image that stands alone. Of `next`: that of the last one. */
+    uint8_t form; /* In which form. */
+    uint32_t offset; /* First byte that is wanted. [bytes] */
+    uint8_t begun_crc32_known; /* Whether `begun_crc32` is known. */
+    uint32_t begun_crc32; /* `file_crc32` of the chunks before, so that what goes on is the same file. */
+    uint32_t rate_bytes_s; /* Most bytes of image in a second; the camera's own limit (`images.rate_bytes_s`) holds too. [bytes/s] */
+} stars_image_request_t;
+STARS_ASSERT(sizeof(stars_image_request_t) == 30, "stars_image_request_t");
+STARS_ASSERT(offsetof(stars_image_request_t, request) == 0, "stars_image_request_t.request");
+STARS_ASSERT(offsetof(stars_image_request_t, wanted) == 4, "stars_image_request_t.wanted");
+STARS_ASSERT(offsetof(stars_image_request_t, camera_boot_id_known) == 5, "stars_image_request_t.camera_boot_id_known");
+STARS_ASSERT(offsetof(stars_image_request_t, camera_boot_id) == 6, "stars_image_request_t.camera_boot_id");
+STARS_ASSERT(offsetof(stars_image_request_t, image_counter_known) == 10, "stars_image_request_t.image_counter_known");
+STARS_ASSERT(offsetof(stars_image_request_t, image_counter) == 11, "stars_image_request_t.image_counter");
+STARS_ASSERT(offsetof(stars_image_request_t, exposure) == 15, "stars_image_request_t.exposure");
+STARS_ASSERT(offsetof(stars_image_request_t, form) == 16, "stars_image_request_t.form");
+STARS_ASSERT(offsetof(stars_image_request_t, offset) == 17, "stars_image_request_t.offset");
+STARS_ASSERT(offsetof(stars_image_request_t, begun_crc32_known) == 21, "stars_image_request_t.begun_crc32_known");
+STARS_ASSERT(offsetof(stars_image_request_t, begun_crc32) == 22, "stars_image_request_t.begun_crc32");
+STARS_ASSERT(offsetof(stars_image_request_t, rate_bytes_s) == 26, "stars_image_request_t.rate_bytes_s");
+
+/* A piece of an image, camera to flight computer. */
+typedef struct STARS_PACKED {
+    uint32_t request; /* Number of the request that it answers. */
+    uint32_t camera_boot_id; /* The start of the camera that numbered the image. */
+    uint32_t image_counter; /* The image. */
+    uint8_t exposure; /* Place of the exposure in its series. */
+    uint8_t exposures; /* How many exposures of the image are on disk. */
+    uint8_t form; /* In which form. */
+    uint32_t total_bytes; /* Bytes of the whole. [bytes] */
+    uint32_t file_crc32; /* CRC-32 of the whole (IEEE, as zlib's). */
+    uint32_t offset; /* Place of the first byte below in the whole. [bytes] */
+    uint16_t bytes_count; /* How many of the bytes below there are. */
+    uint8_t bytes[2048]; /* The bytes. */
+} stars_image_chunk_t;
+STARS_ASSERT(sizeof(stars_image_chunk_t) == 2077, "stars_image_chunk_t");
+STARS_ASSERT(offsetof(stars_image_chunk_t, request) == 0, "stars_image_chunk_t.request");
+STARS_ASSERT(offsetof(stars_image_chunk_t, camera_boot_id) == 4, "stars_image_chunk_t.camera_boot_id");
+STARS_ASSERT(offsetof(stars_image_chunk_t, image_counter) == 8, "stars_image_chunk_t.image_counter");
+STARS_ASSERT(offsetof(stars_image_chunk_t, exposure) == 12, "stars_image_chunk_t.exposure");
+STARS_ASSERT(offsetof(stars_image_chunk_t, exposures) == 13, "stars_image_chunk_t.exposures");
+STARS_ASSERT(offsetof(stars_image_chunk_t, form) == 14, "stars_image_chunk_t.form");
+STARS_ASSERT(offsetof(stars_image_chunk_t, total_bytes) == 15, "stars_image_chunk_t.total_bytes");
+STARS_ASSERT(offsetof(stars_image_chunk_t, file_crc32) == 19, "stars_image_chunk_t.file_crc32");
+STARS_ASSERT(offsetof(stars_image_chunk_t, offset) == 23, "stars_image_chunk_t.offset");
+STARS_ASSERT(offsetof(stars_image_chunk_t, bytes_count) == 27, "stars_image_chunk_t.bytes_count");
+STARS_ASSERT(offsetof(stars_image_chunk_t, bytes) == 29, "stars_image_chunk_t.bytes");
+
+/* Why a request for an image is not met, camera to flight computer. */
+typedef struct STARS_PACKED {
+    uint32_t request; /* Number of the request that it answers. */
+    uint8_t no_image; /* Why. */
+    char words[96]; /* The reason in words. */
+} stars_image_refusal_t;
+STARS_ASSERT(sizeof(stars_image_refusal_t) == 101, "stars_image_refusal_t");
+STARS_ASSERT(offsetof(stars_image_refusal_t, request) == 0, "stars_image_refusal_t.request");
+STARS_ASSERT(offsetof(stars_image_refusal_t, no_image) == 4, "stars_image_refusal_t.no_image");
+STARS_ASSERT(offsetof(stars_image_refusal_t, words) == 5, "stars_image_refusal_t.words");
 
 /* A whole frame inside a buffer. */
 typedef struct {

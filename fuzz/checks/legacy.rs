@@ -22,6 +22,11 @@ pub fn check(data: &[u8]) {
         let Ok(block) = Block::unpack(&whole) else { continue };
         let status = serde_json::to_string(&block.status()).expect("a status has a JSON form");
         assert!(!status.is_empty());
+        if let Some(Ok(gyro)) = block.motion.as_ref().map(|motion| motion.gyro()) {
+            let finite =
+                gyro.samples.as_slice().iter().all(|rates| rates.az_rate_deg_s.is_finite() && rates.el_rate_deg_s.is_finite());
+            assert!(finite && gyro.exposures_count > 0);
+        }
         let ran = |findings: &[Finding]| findings.iter().filter(|finding| matches!(finding, Finding::True { .. })).count();
         guard.on(now, &block.commands);
         assert_eq!(ran(&guard.on(now, &block.commands)), 0, "a command ran twice");

@@ -19,6 +19,7 @@ fn assignments(command: &Command) -> Vec<String> {
         Command::SetNetworkLull { enabled, delay_s } => {
             set("commands", &[("network_lull", enabled.to_string()), ("network_lull_s", float(delay_s))])
         }
+        Command::SendImages { enabled } => set("images", &[("send", enabled.to_string())]),
         Command::SetBrightness { enabled, level_ke_s_px, gain_db, actual_exposure_s, simulated_exposure_s } => set(
             "brightness",
             &[

@@ -118,8 +118,8 @@ commands! {
         /// Magnification.
         magnification: f64 => "" [1, 4];
     }
-    /// Sends images to the flight computers, or no longer.
-    9 "images.send" SendImages "xsc_image_client" None false {
+    /// Sends each new image to the flight computers that ask for the next one, and to those of old that have images set; or no longer.
+    9 "images.send" SendImages "xsc_image_client" None true {
         /// Send them.
         enabled: bool => "" [0, 1];
     }

@@ -107,10 +107,11 @@ impl Backlog for Images {
         let came = frames.under_way.take().and_then(|under_way| under_way.outcome);
         match saved {
             Ok(Saved { path, thinned }) => {
+                let (image, exposure) = (frame.image(), frame.frame.stamp.part.unwrap_or(0));
                 if frame.outcome.is_none() {
                     frames.waiting.push_front(Waiting { outcome: came, kept: Some(path), ..frame });
                 }
-                Ok(is_first.then_some(ToHub::Image(self.disk, ImageNews::Kept { thinned })))
+                Ok(is_first.then_some(ToHub::Image(self.disk, ImageNews::Kept { image, exposure, thinned })))
             }
             Err(error) => {
                 let problem = format!("image {} for {:?}: {error}", frame.image().0, self.disk);

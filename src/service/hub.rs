@@ -179,7 +179,7 @@ impl Hub {
             ToHub::Recorded => counters.records_written = counters.records_written.saturating_add(1),
             ToHub::RecordLost => counters.records_lost = counters.records_lost.saturating_add(1),
             ToHub::DiskError => counters.disk_errors = counters.disk_errors.saturating_add(1),
-            ToHub::Image(disk, news) => counters.images.entry(disk).or_default().count(news),
+            ToHub::Image(disk, news) => state.note_image(disk, news),
             ToHub::Late => state.strain.sign(Instant::now()),
             ToHub::Lens(lens) => {
                 state.lens = Arc::from(lens);

@@ -19,8 +19,10 @@
 //! | ledger, programs → hub | what was kept, what came of it | 64, shared | the sender waits |
 //! | camera, hub → archive | frames, outcomes | 64 | the frame is counted as lost there, and solved all the same; without its outcome it is kept all the same; the archive always takes: beyond `record.queue_images` the oldest is lost and counted |
 //! | hub → recorder | outcomes | 64 | counted as lost; the recorder always takes: beyond `record.queue_frames` the oldest is lost and counted |
+//! | session → its server of images | the newest request | 1 | replaced; whoever asks again before an answer came has none to the first |
+//! | server of images → session | answers: chunks, refusals | 1 | the server waits, while an update is due |
 //! | hub → everybody | [`State`] | the newest | replaced |
-//! | session, legacy session → TCP | updates, answers | 32 KiB of the kernel | the session waits up to `network.silence_s`, skipping its ticks, then closes |
+//! | session, legacy session → TCP | updates, chunks of images, answers | 32 KiB of the kernel | the session waits up to `network.silence_s`, skipping its ticks, then closes |
 //!
 //! No channel leads in a circle of waiting: the hub never waits for a send. [`Running::stop`] ends the edges first, then the
 //! solver, the hub, and then recorder and archives, so that the last outcome and the last image still reach the disk.
@@ -36,6 +38,7 @@ mod flight_computer;
 mod focus;
 mod housekeeping;
 mod hub;
+mod images;
 mod inbox;
 mod index;
 mod keeper;
@@ -91,6 +94,7 @@ use crate::settings::Settings;
 use crate::wire::{Hello, Role};
 use focus::Focus;
 use hub::Hub;
+use images::Gallery;
 use ledger::Ledger;
 use legacy::LegacyListener;
 use listener::Listener;
@@ -371,6 +375,7 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
         clock,
         state: state.clone(),
         hub,
+        gallery: Arc::new(Gallery::new(Arc::clone(&settings))),
         keys,
         strangers: Strangers::default(),
         visitors: Visitors::new(settings.network.connections_per_s),

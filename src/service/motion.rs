@@ -8,6 +8,7 @@ use crate::image::{ImageCounter, Stamp, TriggerCounter};
 use crate::sky::{ARCSEC, DEG};
 use crate::solve::Motion;
 use crate::wire::Gyro;
+use crate::wire::legacy::Recorded;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
@@ -67,10 +68,20 @@ impl Motions {
 
 /// The motion in a block of the flight computer in charge, or why it cannot be used.
 pub fn judge(gyro: &Gyro, state: &State) -> Result<Given, String> {
-    let settings = &state.settings.solver.motion;
-    if !settings.enabled {
+    if !state.settings.solver.motion.enabled {
         return Err("solver.motion.enabled is false".to_owned());
     }
+    read(gyro, state)
+}
+
+/// The same of a block that came with the command to use it, so that the setting is not asked: that is being done.
+pub fn judge_legacy(recorded: Option<&Recorded>, state: &State) -> Result<Given, String> {
+    let recorded = recorded.ok_or_else(|| "no exposure is in them".to_owned())?;
+    read(&recorded.gyro()?, state)
+}
+
+fn read(gyro: &Gyro, state: &State) -> Result<Given, String> {
+    let settings = &state.settings.solver.motion;
     let (image, trigger) = (ImageCounter(gyro.image_counter.get()), TriggerCounter(gyro.trigger_counter.get()));
     let last = state.latest.as_ref().map(|finished| &finished.outcome);
     if let Some(ended) = last.map(|outcome| outcome.stamp.image).filter(|ended| *ended >= image) {
@@ -104,6 +115,7 @@ mod tests {
     use crate::service::state::Finished;
     use crate::settings::Settings;
     use crate::solve::{Outcome, Reason};
+    use crate::wire::legacy::Step;
     use crate::wire::{Exposure, List, Maybe, Rates};
 
     fn state(next: u32, ended: Option<u32>) -> State {
@@ -145,6 +157,41 @@ mod tests {
         assert!(of(6, Some(96)).is_some() && of(7, Some(97)).is_some());
         assert!(of(6, Some(97)).is_none() && of(6, None).is_none() && of(8, Some(98)).is_none());
         assert_eq!(motions.refused, 0);
+    }
+
+    /// A series of two exposures as a program of old records it, and as the native message says it.
+    #[tokio::test]
+    async fn a_packet_of_old_gives_the_motion_of_the_native_one() {
+        let exposing =
+            |index: usize| [0..12, 31..43].iter().position(|row| row.contains(&index)).map_or(-1, |place| place as i32);
+        let rate = |index: usize| (0.002 + 1e-5 * index as f32, -0.001 - 2e-5 * index as f32);
+        let steps: Vec<Step> = (0..43).map(|i| Step { exposure: exposing(i), az: rate(i).0, el: rate(i).1 }).collect();
+        let old = Recorded { counter_fcp: 96, counter_stars: 6, elevation: 0.7, steps };
+        let sample = |i: usize| Rates { az_rate_deg_s: rate(i).0.to_degrees(), el_rate_deg_s: rate(i).1.to_degrees() };
+        let samples: Vec<Rates> = (0..=43).map(sample).collect();
+        let exposure = |start: u8| Exposure { start_s: f32::from(start) / 100.16, duration_s: 12.0 / 100.16 };
+        let native = Gyro {
+            sample_rate_hz: 100.16,
+            elevation_deg: Some(0.7_f64.to_degrees()).into(),
+            exposures_count: 2,
+            exposures: List::from_slice(&[exposure(0), exposure(31)]),
+            samples_count: 44.into(),
+            samples: List::from_slice(&samples),
+            ..gyro(6, 96)
+        };
+        let state = state(7, None);
+        let (old, native) = (judge_legacy(Some(&old), &state).unwrap(), judge(&native, &state).unwrap());
+        assert_eq!((old.image, old.trigger), (native.image, native.trigger));
+        let (old, native) = (&old.motion, &native.motion);
+        assert_eq!((old.elevation, old.roll, old.drift), (native.elevation, native.roll, native.drift));
+        let close = |a: f64, b: f64| (a - b).abs() < 1e-6;
+        assert!(old.exposures.iter().zip(&native.exposures).all(|(a, b)| close(a.0, b.0) && close(a.1, b.1)));
+        // Up to the last rate: what comes after it holds, or is the next one.
+        for moment in 0..43 {
+            let apart = (old.turn_at(f64::from(moment) * 0.01) - native.turn_at(f64::from(moment) * 0.01)).norm();
+            assert!(apart < 0.001 * ARCSEC, "{} arcsec", apart / ARCSEC);
+        }
+        assert!(judge_legacy(None, &state).unwrap_err().contains("no exposure"));
     }
 
     #[tokio::test]

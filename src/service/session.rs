@@ -1,12 +1,14 @@
 //! A session: one connection of a flight computer.
 //!
-//! After the hellos it does two things that do not wait for each other: it sends the newest state every
-//! `network.update_period_s` on a steady schedule, and reads statuses and blocks of commands. Whatever goes wrong ends this session alone, with a
+//! After the hellos it does three things that do not wait for each other: it sends the newest state every
+//! `network.update_period_s` on a steady schedule, reads statuses and blocks of commands, and answers requests for images, one chunk at a
+//! time and only when no update is due. Whatever goes wrong ends this session alone, with a
 //! reason that is counted and logged, and with a last message that says it where the peer still listens.
 
 use super::clock::Clock;
 use super::codec::{Codec, LinkError};
-use super::hub::{self, ToHub};
+use super::hub::{self, ToHub, sleep_until};
+use super::images::{self, Gallery, Requests};
 use super::keys::Keys;
 use super::manager::{LinkName, Manager};
 use super::state::State;
@@ -22,7 +24,7 @@ use std::os::fd::OwnedFd;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt, ReadHalf, WriteHalf};
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
 use tokio::time::{Instant, MissedTickBehavior};
 use tokio_util::codec::{FramedRead, FramedWrite};
 use tokio_util::sync::CancellationToken;
@@ -68,6 +70,8 @@ pub struct Shared {
     pub state: watch::Receiver<Arc<State>>,
     /// Whom to tell what peers say.
     pub hub: hub::Handle,
+    /// The images that are kept.
+    pub gallery: Arc<Gallery>,
     /// The keys of flight computers.
     pub keys: Keys,
     /// Keeps connections open over a restart.
@@ -111,6 +115,11 @@ impl Strangers {
 
 /// Messages that a peer may send between two updates: a flight computer sends two or three.
 const FLOOD: u32 = 256;
+/// No chunk of an image goes when an update is due within this time: enough for one on a link of 1 Mbit/s; on a quick schedule, within an eighth of
+/// its period.
+const KEPT_FREE: Duration = Duration::from_millis(20);
+/// The first version in which images may be asked for.
+const IMAGES_SINCE: u8 = 3;
 /// A last word that is not taken within this time is not said.
 const LAST_WORD: Duration = Duration::from_millis(100);
 
@@ -164,7 +173,7 @@ impl<S: AsyncRead + AsyncWrite> Session<S> {
 
     async fn go_on(mut self, link: LinkName) -> Closed {
         self.to.encoder_mut().speak(link.version);
-        let why = self.converse(link.computer).await;
+        let why = self.converse(link).await;
         self.shared.manager.forget_link(link);
         self.end(why).await
     }
@@ -209,17 +218,24 @@ impl<S: AsyncRead + AsyncWrite> Session<S> {
     }
 
     /// Updates one way and statuses the other, until either ends or a newer connection takes this one's place.
-    async fn converse(&mut self, computer: FlightComputer) -> Closed {
+    async fn converse(&mut self, link: LinkName) -> Closed {
+        let computer = link.computer;
         let (record, seen) = watch::channel(LinkRecord::default());
         let sent = Sent::default();
         let mut state = self.shared.state.clone();
         let connection = self.connection;
+        let requests = Requests::default();
+        let asked = (link.version >= IMAGES_SINCE).then_some(&requests);
+        let (answers, answered) = mpsc::channel(1);
+        let writer = Writer { computer, shared: &self.shared, record: seen, sent: &sent, answers: answered };
+        let reader = Reader { computer, connection, shared: &self.shared, record, sent: &sent, asked };
         tokio::select! {
             biased;
             () = self.shared.stop.cancelled() => Closed::Stopping,
             _ = state.wait_for(|state| state.has_replaced(computer, connection)) => Closed::Replaced,
-            why = write(&mut self.to, computer, &self.shared, seen, &sent) => why,
-            why = read(&mut self.from, computer, connection, &self.shared, record, &sent) => why,
+            why = writer.run(&mut self.to) => why,
+            why = reader.run(&mut self.from) => why,
+            () = images::serve(&self.shared, &requests, answers) => Closed::Broke,
         }
     }
 
@@ -247,30 +263,53 @@ impl Shared {
     }
 }
 
-/// Sends the newest state on a steady schedule: not a period after the last one was sent, and a tick that was missed stays so.
-async fn write<W: AsyncWrite>(
-    to: &mut FramedWrite<WriteHalf<W>, Codec>,
+/// The one way: updates, and between them answers to requests for images.
+struct Writer<'a> {
     computer: FlightComputer,
-    shared: &Shared,
+    shared: &'a Shared,
     record: watch::Receiver<LinkRecord>,
-    sent: &Sent,
-) -> Closed {
-    let mut schedule = tokio::time::interval(shared.period());
-    schedule.set_missed_tick_behavior(MissedTickBehavior::Skip);
-    let mut sequence: u32 = 0;
-    loop {
-        let ready = Instant::now();
-        let due = schedule.tick().await.max(ready);
-        if due.elapsed() > LATE {
-            shared.hub.try_tell(ToHub::Late);
+    sent: &'a Sent,
+    answers: mpsc::Receiver<Message>,
+}
+
+impl Writer<'_> {
+    /// Sends the newest state on a steady schedule: not a period after the last one was sent, and a tick that was missed stays so.
+    async fn run<W: AsyncWrite>(mut self, to: &mut FramedWrite<WriteHalf<W>, Codec>) -> Closed {
+        let shared = self.shared;
+        let mut schedule = tokio::time::interval(shared.period());
+        schedule.set_missed_tick_behavior(MissedTickBehavior::Skip);
+        let kept_free = KEPT_FREE.min(shared.period() / 8);
+        let mut sequence: u32 = 0;
+        // Other messages may go until then.
+        let mut until = None;
+        loop {
+            let ready = Instant::now();
+            let due = tokio::select! {
+                biased;
+                due = schedule.tick() => due,
+                () = sleep_until(until), if until.is_some() => {
+                    until = None;
+                    continue;
+                }
+                Some(answer) = self.answers.recv(), if until.is_some() => {
+                    if let Err(why) = send(to, &answer, shared.silence()).await {
+                        return why;
+                    }
+                    continue;
+                }
+            };
+            if due.max(ready).elapsed() > LATE {
+                shared.hub.try_tell(ToHub::Late);
+            }
+            let state = Arc::clone(&shared.state.borrow());
+            let update = update::compose(&state, shared, self.computer, sequence, *self.record.borrow());
+            self.sent.note(sequence, Instant::now());
+            if let Err(why) = send(to, &Message::Update(Box::new(update)), shared.silence()).await {
+                return why;
+            }
+            sequence = sequence.wrapping_add(1);
+            until = Some(due + shared.period() - kept_free);
         }
-        let state = Arc::clone(&shared.state.borrow());
-        let update = update::compose(&state, shared, computer, sequence, *record.borrow());
-        sent.note(sequence, Instant::now());
-        if let Err(why) = send(to, &Message::Update(Box::new(update)), shared.silence()).await {
-            return why;
-        }
-        sequence = sequence.wrapping_add(1);
     }
 }
 
@@ -299,37 +338,50 @@ impl Sent {
     }
 }
 
-/// Reads statuses and hands them to the hub.
-async fn read<R: AsyncRead>(
-    from: &mut FramedRead<ReadHalf<R>, Codec>,
+/// The other way: what the peer says.
+struct Reader<'a> {
     computer: FlightComputer,
     connection: u64,
-    shared: &Shared,
+    shared: &'a Shared,
     record: watch::Sender<LinkRecord>,
-    sent: &Sent,
-) -> Closed {
-    let mut since = Instant::now();
-    let mut messages: u32 = 0;
-    loop {
-        let message = match tokio::time::timeout(shared.silence(), from.next()).await {
-            Err(_) => return Closed::Silent,
-            Ok(next) => match received(next) {
-                Ok(message) => message,
+    sent: &'a Sent,
+    /// Where requests for images go; `None` in a version that has none.
+    asked: Option<&'a Requests>,
+}
+
+impl Reader<'_> {
+    /// Reads messages and hands them on.
+    async fn run<R: AsyncRead>(self, from: &mut FramedRead<ReadHalf<R>, Codec>) -> Closed {
+        let mut since = Instant::now();
+        let mut messages: u32 = 0;
+        loop {
+            let message = match tokio::time::timeout(self.shared.silence(), from.next()).await {
+                Err(_) => return Closed::Silent,
+                Ok(next) => match received(next) {
+                    Ok(message) => message,
+                    Err(why) => return why,
+                },
+            };
+            let at = Instant::now();
+            if at.duration_since(since) > self.shared.period() {
+                (since, messages) = (at, 0);
+            }
+            match self.take(message, at, from.decoder().values_withheld()).await {
+                Ok(count) => messages += count,
                 Err(why) => return why,
-            },
-        };
-        let at = Instant::now();
-        if at.duration_since(since) > shared.period() {
-            (since, messages) = (at, 0);
+            }
+            if messages > FLOOD {
+                return Closed::Flood;
+            }
         }
-        messages += 1;
-        if messages > FLOOD {
-            return Closed::Flood;
-        }
-        let withheld = from.decoder().values_withheld();
+    }
+
+    /// Hands a message on; how many it counts for in a flood.
+    async fn take(&self, message: Message, at: Instant, withheld: u32) -> Result<u32, Closed> {
+        let &Self { computer, connection, shared, sent, .. } = self;
         match message {
             Message::Status(status) => {
-                record.send_modify(|record| record.note(&status, at, withheld));
+                self.record.send_modify(|record| record.note(&status, at, withheld));
                 let heard = status.last_update_sequence.get().map(|sequence| sequence.get());
                 // One that does not say what it hears is believed to hear.
                 let hears_us = heard.is_none() || sent.age(heard, at) <= LEASE;
@@ -341,12 +393,19 @@ async fn read<R: AsyncRead>(
                 shared.hub.tell(ToHub::Commands { computer, connection, block, delay, authenticity }).await;
             }
             Message::Gyro(gyro) => shared.hub.tell(ToHub::Gyro { computer, connection, gyro }).await,
+            // The pace of the answers is the pace of those who wait for them; who does not wait counts.
+            Message::ImageRequest(request) => {
+                return self.asked.map(|asked| u32::from(asked.take(*request))).ok_or(Closed::BadMessage);
+            }
             Message::Refuse(refuse) => {
                 tracing::warn!(computer = computer.0, why = %refuse.detail, "the flight computer refuses us");
-                return Closed::ByPeer;
+                return Err(Closed::ByPeer);
             }
-            Message::Hello(_) | Message::Update(_) => return Closed::BadMessage,
+            Message::Hello(_) | Message::Update(_) | Message::ImageChunk(_) | Message::ImageRefusal(_) => {
+                return Err(Closed::BadMessage);
+            }
         }
+        Ok(1)
     }
 }
 

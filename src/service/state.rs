@@ -46,6 +46,8 @@ pub struct State {
     pub solving: Option<ImageCounter>,
     /// The last frame that ended in an outcome; one that was only skipped is counted and not shown here.
     pub latest: Option<Arc<Finished>>,
+    /// The newest exposure that is on a disk: its image, and its place in its series.
+    pub newest_kept: Option<(ImageCounter, u8)>,
     /// How the gondola turned during the last images.
     pub motions: Motions,
     /// The flight computers that are connected.
@@ -229,6 +231,10 @@ pub struct ImageCounters {
 pub enum ImageNews {
     /// An image is on disk.
     Kept {
+        /// Its number.
+        image: ImageCounter,
+        /// Its place in its series; 0 where it stands alone.
+        exposure: u8,
         /// Images that went to make room.
         thinned: u32,
     },
@@ -243,7 +249,7 @@ impl ImageCounters {
     pub fn count(&mut self, news: ImageNews) {
         let add = |count: &mut u32, more| *count = count.saturating_add(more);
         match news {
-            ImageNews::Kept { thinned } => {
+            ImageNews::Kept { thinned, .. } => {
                 add(&mut self.kept, 1);
                 add(&mut self.thinned, thinned);
             }
@@ -300,6 +306,7 @@ impl State {
             autofocus: Arc::new(Autofocus::new(AutofocusRules::new(&settings.focus)).status(Tick::ZERO)),
             solving: None,
             latest: None,
+            newest_kept: None,
             motions: Motions::default(),
             peers: Vec::new(),
             charge: InCharge::default(),
@@ -386,6 +393,19 @@ impl State {
         self.settings_hash = settings.fingerprint() as u32;
         self.settings_commanded = settings.differences(initial);
         self.settings = settings;
+    }
+
+    /// Takes what an archive tells.
+    pub fn note_image(&mut self, disk: Disk, news: ImageNews) {
+        self.counters.images.entry(disk).or_default().count(news);
+        if let ImageNews::Kept { image, exposure, .. } = news {
+            self.newest_kept = self.newest_kept.max(Some((image, exposure)));
+        }
+    }
+
+    /// Whether there is time to send images.
+    pub fn may_send_images(&self) -> bool {
+        self.strain.shed() < Shed::Images
     }
 
     /// Whether a connection has been replaced by a newer one of the same flight computer.

@@ -6,6 +6,7 @@ use super::file::free_bytes;
 use crate::image::{Frame, ImageCounter, Keyword, Shelf, Stamp, series_stem, write_fits};
 use crate::sky::{ClockQuality, Utc};
 use crate::solve::{Outcome, keywords};
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -86,12 +87,12 @@ impl Store {
     ) -> io::Result<Saved> {
         self.encode(frame, outcome)?;
         let path = replaces.map_or_else(|| self.rules.directory.join(name(&frame.stamp, self.rules.boot_id)), Path::to_owned);
-        let directory = path.parent().unwrap_or(&self.rules.directory);
-        fs::create_dir_all(directory)?;
+        let directory = path.parent().unwrap_or(&self.rules.directory).to_owned();
+        fs::create_dir_all(&directory)?;
         // The old file has the same length, near enough, but is there until the new one is.
         self.make_room(shelf)?;
         let unfinished = path.with_extension(UNFINISHED);
-        if let Err(error) = put(&unfinished, &path, directory, &self.bytes) {
+        if let Err(error) = put(&unfinished, &path, &directory, &self.bytes) {
             let _ = fs::remove_file(&unfinished);
             return Err(error);
         }
@@ -188,6 +189,37 @@ fn number_in(name: &str) -> Option<ImageCounter> {
     number.parse().ok().filter(|_| ours).map(ImageCounter)
 }
 
+/// The files of an image by the places of its exposures in their series (0 where it stands alone), by its number and that of the start that
+/// numbered it; empty where there is none.
+///
+/// # Errors
+/// Of the disk.
+pub fn files_of(directory: &Path, boot_id: u32, image: ImageCounter) -> io::Result<BTreeMap<u8, PathBuf>> {
+    let tail = format!("-{boot_id:08x}-{:08}", image.0);
+    let mut days = match fs::read_dir(directory) {
+        Ok(days) => days.map(|day| day.map(|day| day.path())).collect::<io::Result<Vec<PathBuf>>>()?,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(BTreeMap::new()),
+        Err(error) => return Err(error),
+    };
+    days.sort_unstable();
+    let mut files = BTreeMap::new();
+    // The newest day first; a series may have begun on the day before.
+    for day in days.iter().rev().filter(|day| day.is_dir()) {
+        for file in fs::read_dir(day)? {
+            let path = file?.path();
+            let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+            let (stem, part) = series_stem(&name).unwrap_or((name.strip_suffix(".fits").unwrap_or_default(), 0));
+            if let (true, Ok(part)) = (name.ends_with(".fits") && stem.ends_with(&tail), u8::try_from(part)) {
+                files.insert(part, path);
+            }
+        }
+        if files.contains_key(&0) {
+            break;
+        }
+    }
+    Ok(files)
+}
+
 /// The images that are there, in the order of their names, which is that of their times; what was never finished goes.
 fn look_through(directory: &Path) -> io::Result<Shelf<PathBuf>> {
     let mut found = Vec::new();
@@ -264,6 +296,30 @@ mod tests {
         unset.stamp.captured = None;
         let saved = store.save(&unset, None, None).unwrap();
         assert_eq!(saved.path, directory.path().join("unset/unset-00000abc-00000025.fits"));
+    }
+
+    #[test]
+    fn an_image_is_found_by_its_number_with_all_its_exposures_even_over_midnight() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut store = Store::new(rules(directory.path()));
+        for (image, parts) in [(7, vec![None]), (8, vec![Some(0), Some(1), Some(2)])] {
+            for part in parts {
+                let mut frame = frame(image);
+                frame.stamp.part = part;
+                if part == Some(0) {
+                    let evening = Utc::from_calendar(2012, 12, 31, 23, 59, 59.5).unwrap();
+                    frame.stamp.captured = Some((evening, ClockQuality::FreeRunning));
+                }
+                store.save(&frame, None, None).unwrap();
+            }
+        }
+        let of = |boot, image| files_of(directory.path(), boot, ImageCounter(image)).unwrap();
+        assert_eq!(of(0xabc, 7).keys().copied().collect::<Vec<_>>(), [0]);
+        let series = of(0xabc, 8);
+        assert_eq!(series.keys().copied().collect::<Vec<_>>(), [0, 1, 2]);
+        assert!(series[&0].starts_with(directory.path().join("2012-12-31")), "{series:?}");
+        assert!(of(0xabd, 7).is_empty() && of(0xabc, 9).is_empty());
+        assert!(files_of(&directory.path().join("none"), 0xabc, ImageCounter(7)).unwrap().is_empty());
     }
 
     #[test]

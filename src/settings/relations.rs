@@ -76,6 +76,11 @@ fn check_legacy(settings: &Settings, all: &[Setting]) -> Result<(), SettingsErro
     let message = match peers.as_slice() {
         [first, second] if first == second => format!("'legacy.peers' names {} twice", legacy.peers.join(" and ")),
         [] if legacy.enabled => "'legacy.peers' must name the flight computers where 'legacy.enabled' is true".to_owned(),
+        _ if legacy.images && !(legacy.enabled && settings.record.enabled && settings.record.images) => {
+            let message = "'legacy.images' needs 'legacy.enabled', 'record.enabled' and 'record.images'".to_owned();
+            let keys = ["legacy.images", "legacy.enabled", "record.enabled", "record.images"];
+            return contradiction(last_word(all, &keys), message);
+        }
         _ => return Ok(()),
     };
     contradiction(last_word(all, &["legacy.enabled", "legacy.peers"]), message)

@@ -28,6 +28,8 @@ pub struct Settings {
     pub observer: ObserverSettings,
     /// The connections to the flight computers.
     pub network: NetworkSettings,
+    /// Images for flight computers.
+    pub images: ImageSettings,
     /// The port for flight programs of old.
     pub legacy: LegacySettings,
     /// What is done with commands.
@@ -569,6 +571,16 @@ pub struct NetworkSettings {
     pub connections_per_s: u32,
 }
 
+/// Section `[images]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ImageSettings {
+    /// Send each new image to the flight computers that ask for the next one, and to those of old.
+    pub send: bool,
+    /// Most bytes of images in a second, to each flight computer.
+    pub rate_bytes_s: f64,
+}
+
 /// Section `[legacy]`: the dialect of the program that flew, protocol version 3.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -579,6 +591,10 @@ pub struct LegacySettings {
     pub listen: String,
     /// Addresses of the flight computers: the first is number 1, the second number 2. Nobody else is taken.
     pub peers: Vec<String>,
+    /// Send each of them the images that are kept, as the program that flew did.
+    pub images: bool,
+    /// Port of the image server on each of them.
+    pub images_port: u16,
 }
 
 /// Section `[commands]`.

@@ -299,6 +299,11 @@ fn settings_that_contradict_each_other_are_refused_where_the_last_word_was_spoke
             "camera.name=x",
             "custom.toml:1: 'legacy.peers' names 10.0.0.3 and ::ffff:10.0.0.3 twice",
         ),
+        (
+            "legacy.enabled = true\nrecord.images = false",
+            "legacy.images=true",
+            "--set #1: 'legacy.images' needs 'legacy.enabled', 'record.enabled' and 'record.images'",
+        ),
     ] {
         let error = Layers::embedded().custom("custom.toml", text).set(assignment).load().unwrap_err();
         assert_eq!(error.to_string(), wanted);

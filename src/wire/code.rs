@@ -144,6 +144,9 @@ mod tests {
         agrees::<crate::wire::Actor>();
         agrees::<crate::wire::LastEnd>();
         agrees::<crate::wire::Found>();
+        agrees::<crate::wire::Wanted>();
+        agrees::<crate::wire::ImageForm>();
+        agrees::<crate::wire::NoImage>();
     }
 
     #[test]

@@ -2,7 +2,10 @@
 
 use super::frame::{crc32, put_frame, skip_to_sync, take_frame};
 use super::layout::{About, BodyError};
-use super::{Commands, Element, Form, Gyro, Hello, MAX_FRAME, Refuse, Scalar, Status, Table, Update};
+use super::{
+    Commands, Element, Form, Gyro, Hello, ImageChunk, ImageRefusal, ImageRequest, MAX_FRAME, Refuse, Scalar, Status, Table,
+    Update,
+};
 use bytes::BytesMut;
 use std::fmt::Write;
 use std::sync::LazyLock;
@@ -48,6 +51,12 @@ pub enum Kind {
     Gyro = 5,
     /// [`Commands`], from version 2 on.
     Commands = 6,
+    /// [`ImageRequest`], from version 3 on.
+    ImageRequest = 7,
+    /// [`ImageChunk`], from version 3 on.
+    ImageChunk = 8,
+    /// [`ImageRefusal`], from version 3 on.
+    ImageRefusal = 9,
 }
 
 /// One message.
@@ -60,6 +69,9 @@ pub enum Message {
     Update(Box<Update>),
     Gyro(Box<Gyro>),
     Commands(Box<Commands>),
+    ImageRequest(Box<ImageRequest>),
+    ImageChunk(Box<ImageChunk>),
+    ImageRefusal(Box<ImageRefusal>),
 }
 
 /// Why bytes are not a message.
@@ -116,7 +128,17 @@ impl WireError {
 
 impl Kind {
     /// Every kind, in the order of the codes.
-    pub const ALL: [Self; 6] = [Self::Hello, Self::Refuse, Self::Status, Self::Update, Self::Gyro, Self::Commands];
+    pub const ALL: [Self; 9] = [
+        Self::Hello,
+        Self::Refuse,
+        Self::Status,
+        Self::Update,
+        Self::Gyro,
+        Self::Commands,
+        Self::ImageRequest,
+        Self::ImageChunk,
+        Self::ImageRefusal,
+    ];
 
     /// The kind with a code.
     pub fn from_code(code: u8) -> Result<Self, WireError> {
@@ -126,7 +148,7 @@ impl Kind {
     /// Bytes of its body in a version that is spoken; `None` where that version has no such message.
     pub fn size_in(self, version: u8) -> Option<usize> {
         match (version, self) {
-            (1, Self::Commands) => None,
+            (1, Self::Commands) | (1 | 2, Self::ImageRequest | Self::ImageChunk | Self::ImageRefusal) => None,
             (1, Self::Update) => Some(UPDATE_V1),
             (2, Self::Update) => Some(UPDATE_V2),
             _ => Some(self.table().size),
@@ -135,10 +157,20 @@ impl Kind {
 
     /// The layout of its body in the current version.
     pub fn table(self) -> &'static Table {
-        static TABLES: LazyLock<[Table; 6]> = LazyLock::new(|| {
-            [table::<Hello>(), table::<Refuse>(), table::<Status>(), table::<Update>(), table::<Gyro>(), table::<Commands>()]
+        static TABLES: LazyLock<[Table; 9]> = LazyLock::new(|| {
+            [
+                table::<Hello>(),
+                table::<Refuse>(),
+                table::<Status>(),
+                table::<Update>(),
+                table::<Gyro>(),
+                table::<Commands>(),
+                table::<ImageRequest>(),
+                table::<ImageChunk>(),
+                table::<ImageRefusal>(),
+            ]
         });
-        let [hello, refuse, status, update, gyro, commands] = &*TABLES;
+        let [hello, refuse, status, update, gyro, commands, image_request, image_chunk, image_refusal] = &*TABLES;
         match self {
             Self::Hello => hello,
             Self::Refuse => refuse,
@@ -146,6 +178,9 @@ impl Kind {
             Self::Update => update,
             Self::Gyro => gyro,
             Self::Commands => commands,
+            Self::ImageRequest => image_request,
+            Self::ImageChunk => image_chunk,
+            Self::ImageRefusal => image_refusal,
         }
     }
 }
@@ -225,6 +260,9 @@ impl Message {
             Self::Update(_) => Kind::Update,
             Self::Gyro(_) => Kind::Gyro,
             Self::Commands(_) => Kind::Commands,
+            Self::ImageRequest(_) => Kind::ImageRequest,
+            Self::ImageChunk(_) => Kind::ImageChunk,
+            Self::ImageRefusal(_) => Kind::ImageRefusal,
         }
     }
 
@@ -237,6 +275,9 @@ impl Message {
             Self::Update(body) => postcard::to_stdvec(body),
             Self::Gyro(body) => postcard::to_stdvec(body),
             Self::Commands(body) => postcard::to_stdvec(body),
+            Self::ImageRequest(body) => postcard::to_stdvec(body),
+            Self::ImageChunk(body) => postcard::to_stdvec(body),
+            Self::ImageRefusal(body) => postcard::to_stdvec(body),
         };
         let table = self.kind().table();
         let mut bytes = encoded.map_err(|error| BodyError::Layout { body: table.name, problem: error.to_string() })?;
@@ -288,6 +329,9 @@ impl Message {
             Kind::Update => Self::Update(read(&bytes, table)?),
             Kind::Gyro => Self::Gyro(read(&bytes, table)?),
             Kind::Commands => Self::Commands(read(&bytes, table)?),
+            Kind::ImageRequest => Self::ImageRequest(read(&bytes, table)?),
+            Kind::ImageChunk => Self::ImageChunk(read(&bytes, table)?),
+            Kind::ImageRefusal => Self::ImageRefusal(read(&bytes, table)?),
         };
         Ok((message, withheld))
     }

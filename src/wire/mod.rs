@@ -1,7 +1,7 @@
 //! The wire room: what goes over TCP between camera and flight computer.
 //!
 //! A stream is a row of frames (`frame`), each of which carries one message: [`Hello`], [`Refuse`], [`Status`], [`Update`],
-//! [`Gyro`] or [`Commands`]. A body has a **fixed layout**: the same bytes are a `postcard` encoding, a packed little-endian C struct
+//! [`Gyro`], [`Commands`], [`ImageRequest`], [`ImageChunk`] or [`ImageRefusal`]. A body has a **fixed layout**: the same bytes are a `postcard` encoding, a packed little-endian C struct
 //! and one Python `struct` format. Each body is declared once, with the name, unit, range and meaning of every field
 //! (`body!`), and its [`Table`] comes out of that same declaration; checks, JSON and everything in `proto/` are made from
 //! the table, so that none of them can drift apart.
@@ -29,6 +29,7 @@ mod series;
 mod status;
 #[cfg(test)]
 mod tests;
+mod transfer;
 mod update;
 
 pub use clocks::{Clocks, PeerClock};
@@ -47,6 +48,7 @@ pub use message::{
 pub use refuse::{Refusal, Refuse};
 pub use series::{Series, SeriesStart};
 pub use status::{EquatorialEstimate, HorizontalEstimate, ObserverPart, Status};
+pub use transfer::{CHUNK_BYTES, ImageChunk, ImageForm, ImageRefusal, ImageRequest, NoImage, Wanted};
 pub use update::{
     Authority, Camera, Clock, Corrections, Counters, Equatorial, FrameStatistics, HorizontalPart, Housekeeping, Image, Link,
     Source, Update,

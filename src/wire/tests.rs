@@ -307,10 +307,27 @@ fn every_default_message_can_be_read() {
         Message::Status(Box::default()),
         Message::Update(Box::default()),
         Message::Gyro(Box::default()),
+        Message::ImageRequest(Box::default()),
+        Message::ImageChunk(Box::default()),
+        Message::ImageRefusal(Box::default()),
     ];
     for message in messages {
         let mut read = decode_all(&frame(&message));
         assert_eq!(read.remove(0).unwrap().kind(), message.kind());
+    }
+}
+
+#[test]
+fn earlier_versions_have_no_images() {
+    for message in
+        [Message::ImageRequest(Box::default()), Message::ImageChunk(Box::default()), Message::ImageRefusal(Box::default())]
+    {
+        let body = message.body().unwrap();
+        for version in [1, 2] {
+            let wrong = WireError::BadVersion(version);
+            assert_eq!(message.encode_in(version, &mut BytesMut::new()), Err(wrong.clone()));
+            assert_eq!(Message::decode(message.kind() as u8, version, &body), Err(wrong));
+        }
     }
 }
 

@@ -6,6 +6,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "this is a test")]
 
 mod flight;
+mod images;
 mod sessions;
 #[allow(dead_code, reason = "shared with the tests of the service, which use all of it")]
 #[path = "../service/support.rs"]

@@ -4,10 +4,11 @@ use crate::settings;
 use crate::support::{Peer, claim, start_without_camera};
 use stars::command::legacy::{COMMANDS, Entry, FLOWN, Values};
 use stars::command::{FlightComputer, Refusal, Stage};
+use stars::image::{ImageCounter, Stamp, TriggerCounter};
 use stars::service::{Closed, Ending, Running, State};
 use stars::settings::Settings;
 use stars::wire::Status;
-use stars::wire::legacy::{ANSWER_BYTES, BLOCK_BYTES, Block};
+use stars::wire::legacy::{ANSWER_BYTES, BLOCK_BYTES, Block, Recorded, Step};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
@@ -36,6 +37,7 @@ impl Old {
             observer: None,
             horizontal: None,
             equatorial: None,
+            motion: None,
             commands: std::array::from_fn(entry),
         };
         Self { stream: near, block }
@@ -150,6 +152,41 @@ async fn a_hazardous_command_arms_and_the_same_again_fires() {
     old.give("quit", &[]);
     old.fly(2).await;
     assert_eq!(now(&running).await.ending, Some(Ending::Commanded));
+}
+
+#[tokio::test(start_paused = true)]
+async fn gyro_rates_are_taken_with_their_command_and_what_cannot_be_is_refused() {
+    let running = start_without_camera(settings()).await;
+    let mut old = Old::connect(&running, 1, ROOM).await;
+    let exposing = |index: usize| if (10..22).contains(&index) { 0 } else { -1 };
+    let steps = (0..22).map(|index| Step { exposure: exposing(index), az: 1e-3, el: -2e-3 }).collect();
+    let recorded = Recorded { counter_fcp: 3, counter_stars: 0, elevation: 0.7, steps };
+    old.block.motion = Some(recorded.clone());
+    old.fly(3).await;
+    let of =
+        |state: &State| state.motions.of(&Stamp { image: ImageCounter(0), trigger: Some(TriggerCounter(3)), ..Stamp::default() });
+    assert!(of(&*now(&running).await).is_none(), "taken without the command");
+    old.give("motion_psf", &[1.0, 0.0, 4.6e-5]);
+    old.fly(3).await;
+    let state = now(&running).await;
+    let motion = of(&state).expect("not taken");
+    let [(start, length)] = motion.exposures[..] else { panic!("{:?}", motion.exposures) };
+    assert!((start - 10.0 / 100.16).abs() < 1e-6 && (length - 12.0 / 100.16).abs() < 1e-6);
+    // The turn in elevation alone would be 2 mrad/s for the exposure.
+    let turn = motion.turn_at(start + length).norm();
+    assert!((turn / (length * 1e-3_f64.hypot(2e-3)) - 1.0).abs() < 1e-3, "{turn}");
+    // Of an image that is not there yet, with a rate that is none, and by a command that turns it off.
+    for (motion, value, refused) in [
+        (Recorded { counter_stars: 9, ..recorded.clone() }, 1.0, 1),
+        (Recorded { elevation: f64::NAN, ..recorded.clone() }, 1.0, 2),
+        (recorded, 0.0, 2),
+    ] {
+        old.block.motion = Some(motion);
+        old.give("motion_psf", &[value, 0.0, 4.6e-5]);
+        old.fly(3).await;
+        assert_eq!(now(&running).await.motions.refused, refused);
+    }
+    assert!(!now(&running).await.settings.solver.motion.enabled);
 }
 
 #[tokio::test(start_paused = true)]

@@ -301,3 +301,62 @@ fn a_command_to_focus_ends_in_the_best_focus_of_the_simulated_sky() {
     let last = said.iter().rfind(|line| line["kind"] == "update").unwrap();
     assert!((last["focus_counts"].as_f64().unwrap() - 2950.0).abs() < 20.0, "{}", last["focus_counts"]);
 }
+
+/// So many bytes have come, or more.
+fn has(path: &std::path::Path, bytes: u64) -> bool {
+    std::fs::metadata(path).is_ok_and(|meta| meta.len() >= bytes)
+}
+
+/// An image that the Python client begins, is killed over, and goes on with; and a view of the same, which the Python decoder finds exact.
+#[test]
+fn the_python_client_fetches_an_image_after_a_break_and_its_view() {
+    // A small picture, as the decoder takes its time.
+    let set = [
+        "camera.kind=sky",
+        "camera.width_px=384",
+        "camera.height_px=256",
+        "camera.period_s=3600",
+        "camera.startup_delay_s=0",
+        "record.reserve_gib=0",
+        "images.rate_bytes_s=1e6",
+    ];
+    let camera = Camera::start(&set);
+    let room = tempfile::tempdir().unwrap();
+    let (out, part, view) = (room.path().join("a.fits"), room.path().join("a.fits.part"), room.path().join("a.view"));
+    let fetch = |what: &str, out: &std::path::Path, more: &[&str]| {
+        let mut command = python();
+        command.args(["--connect", &format!("127.0.0.1:{}", camera.port), "--json", "--once", "--fetch", what, "--out"]);
+        command.arg(out).args(more).stdout(Stdio::piped());
+        command
+    };
+    let none = fetch("7", &out, &[]).output().unwrap();
+    assert_eq!(none.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&none.stdout).contains("refused: never_was"), "{none:?}");
+    // Slowly, so that it is under way when it is killed.
+    let mut killed = loop {
+        let mut child = fetch("newest", &out, &["--rate", "100000"]).spawn().unwrap();
+        let begun = (0..ATTEMPTS).any(|_| {
+            std::thread::sleep(Duration::from_millis(50));
+            has(&part, 20_000) || child.try_wait().unwrap().is_some()
+        });
+        assert!(begun, "nothing comes");
+        if has(&part, 20_000) {
+            break child;
+        }
+        // No image has been kept yet.
+    };
+    killed.kill().unwrap();
+    killed.wait().unwrap();
+    assert!(has(&part, 20_000) && !out.exists());
+    let resumed = fetch("newest", &out, &[]).output().unwrap();
+    assert!(resumed.status.success(), "{}", String::from_utf8_lossy(&resumed.stdout));
+    let records = camera._room.path().join("records/images");
+    let day = std::fs::read_dir(records).unwrap().next().unwrap().unwrap().path();
+    let kept = std::fs::read(std::fs::read_dir(day).unwrap().next().unwrap().unwrap().path()).unwrap();
+    assert!(std::fs::read(&out).unwrap() == kept, "not the file that is kept");
+    assert!(!part.exists());
+    assert!(fetch("0", &view, &["--view"]).output().unwrap().status.success());
+    let decoder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/view.py");
+    let said = crate::run("python3", &[decoder.to_str().unwrap(), view.to_str().unwrap()]);
+    assert!(said.contains("\"exact\": true"), "{said}");
+}

@@ -19,6 +19,10 @@ pub fn all() -> Vec<(&'static str, Message)> {
         ("gyro", Message::Gyro(Box::new(gyro()))),
         ("commands", Message::Commands(Box::new(commands()))),
         ("commands_none", Message::Commands(Box::default())),
+        ("image_request", Message::ImageRequest(Box::new(image_request()))),
+        ("image_request_newest", Message::ImageRequest(Box::new(newest_image()))),
+        ("image_chunk", Message::ImageChunk(Box::new(image_chunk()))),
+        ("image_refusal", Message::ImageRefusal(Box::new(image_refusal()))),
     ]
 }
 
@@ -372,4 +376,45 @@ fn gyro() -> Gyro {
         samples_count: 40.into(),
         samples: List::from_slice(&samples),
     }
+}
+
+fn image_request() -> ImageRequest {
+    ImageRequest {
+        request: 70_031.into(),
+        wanted: Wanted::Image.into(),
+        camera_boot_id: Some(0xA1B2_C3D4u32).into(),
+        image_counter: Some(70_009u32).into(),
+        exposure: 3,
+        form: ImageForm::View.into(),
+        offset: 70_032.into(),
+        begun_crc32: Some(0x9A8B_7C6Du32).into(),
+        rate_bytes_s: 70_033.into(),
+    }
+}
+
+fn newest_image() -> ImageRequest {
+    let rate_bytes_s = 250_000.into();
+    ImageRequest { request: 1.into(), wanted: Wanted::Newest.into(), rate_bytes_s, ..ImageRequest::default() }
+}
+
+fn image_chunk() -> ImageChunk {
+    let bytes: Vec<u8> = (0..=255).collect();
+    ImageChunk {
+        request: 70_031.into(),
+        camera_boot_id: 0xA1B2_C3D4.into(),
+        image_counter: 70_009.into(),
+        exposure: 3,
+        exposures: 4,
+        form: ImageForm::Raw.into(),
+        total_bytes: 3_150_720.into(),
+        file_crc32: 0x9A8B_7C6D.into(),
+        offset: 70_032.into(),
+        bytes_count: 256.into(),
+        bytes: List::from_slice(&bytes),
+    }
+}
+
+fn image_refusal() -> ImageRefusal {
+    let words = Text::new("image 7 is not on disk: it went to make room, or was never kept");
+    ImageRefusal { request: 70_031.into(), no_image: NoImage::NotKept.into(), words }
 }

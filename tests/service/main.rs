@@ -20,3 +20,4 @@ mod program;
 mod records;
 mod sessions;
 mod support;
+mod transfer;

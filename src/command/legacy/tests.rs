@@ -331,8 +331,15 @@ const EARLIER: usize = 16;
 
 /// A block as it arrives: as bytes, in the struct that flew.
 fn over_the_wire(block: &Block) -> Block {
-    let sent =
-        wire::Block { in_charge: true, counter_fcp: -1, observer: None, horizontal: None, equatorial: None, commands: *block };
+    let sent = wire::Block {
+        in_charge: true,
+        counter_fcp: -1,
+        observer: None,
+        horizontal: None,
+        equatorial: None,
+        motion: None,
+        commands: *block,
+    };
     let received = wire::Block::unpack(&sent.pack()).unwrap().commands;
     assert_eq!(received, *block);
     received

@@ -8,9 +8,10 @@ mod answer;
 mod orders;
 
 use super::hub::ToHub;
+use super::images::LegacyImages;
 use super::listener::{keep_session, next_connection};
 use super::session::{Closed, Shared};
-use super::supervisor::Ended;
+use super::supervisor::{Ended, panic_message};
 use crate::command::FlightComputer;
 use crate::service::pulse::Pulse;
 use crate::settings::LegacySettings;
@@ -24,6 +25,7 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadHalf, WriteHalf};
 use tokio::net::TcpListener;
 use tokio::sync::Semaphore;
+use tokio::task::JoinSet;
 use tokio::time::{Instant, MissedTickBehavior};
 use tokio_util::task::TaskTracker;
 
@@ -74,13 +76,25 @@ impl LegacyListener {
         self.socket.local_addr().ok()
     }
 
-    /// Takes connections until stopped.
+    /// Takes connections until stopped, and meanwhile sends each computer the images that it is to have.
     pub async fn run(self, pulse: Pulse) -> Result<(), Ended> {
         tracing::info!(address = ?self.address(), "serving the legacy dialect");
-        while let Some((stream, address)) = next_connection(&self.socket, &self.shared, &pulse).await {
-            self.take(stream, address).await;
+        let settings = &self.shared.settings.legacy;
+        let mut images = JoinSet::new();
+        for peer in self.peers.iter().filter(|_| settings.images) {
+            let server = SocketAddr::new(*peer, settings.images_port);
+            images.spawn(LegacyImages { server, shared: Arc::clone(&self.shared) }.run());
         }
-        Ok(())
+        loop {
+            tokio::select! {
+                biased;
+                Some(Err(error)) = images.join_next() => return Err(Ended(panic_message(error))),
+                next = next_connection(&self.socket, &self.shared, &pulse) => match next {
+                    Some((stream, address)) => self.take(stream, address).await,
+                    None => return Ok(()),
+                },
+            }
+        }
     }
 
     /// Which flight computer has an address.

@@ -1,12 +1,18 @@
 //! What the hub does with a block of the legacy dialect: its claim, its commands, and the rest of what it says.
 
 use super::super::hub::Hub;
+use super::super::motion;
 use super::super::state::State;
 use crate::command::legacy::{FLOWN, Finding, Meaning, Values, meanings};
-use crate::command::{Authenticity, BootId, FlightComputer, Refusal, Sender, Situation, Tick, Verdict, admit};
+use crate::command::{Authenticity, BootId, Command, FlightComputer, Refusal, Sender, Situation, Tick, Verdict, admit};
 use crate::wire::legacy::Block;
 use std::time::Duration;
 use tokio::time::Instant;
+
+/// Whether a verdict lets the command through that has gyro rates used: they stand beside it in its block.
+fn uses_motion(verdict: &Verdict) -> bool {
+    matches!(verdict, Verdict::Run(order) if matches!(order.command, Command::UseMotion { enabled: true }))
+}
 
 /// The dialect has no number of a boot.
 const NO_BOOT: BootId = BootId(0);
@@ -45,6 +51,10 @@ impl Hub {
                     vec![Verdict::Refused { code, counter: counter.cast_unsigned(), why, detail }]
                 }
             };
+            if verdicts.iter().any(uses_motion) {
+                let judged = motion::judge_legacy(block.motion.as_ref(), state);
+                state.motions.take(judged, Instant::now());
+            }
             verdicts.into_iter().for_each(|verdict| self.take_legacy_verdict(state, now, computer, verdict));
         }
     }

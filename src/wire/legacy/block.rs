@@ -1,6 +1,7 @@
 //! What a flight computer of old sends.
 
 use super::bytes::{f64_at, i32_at, put, u8_at, u32_at};
+use super::motion::Recorded;
 use super::{BLOCK_BYTES, VERSION};
 use crate::command::MAX_VALUES;
 use crate::command::legacy::{COMMANDS, Entry, Values};
@@ -38,7 +39,7 @@ use Form::{Bool, F64, I32, U32};
 type Place = (Form, usize);
 
 /// Where the values of each command are, in the order of the wire and of
-/// [`crate::command::legacy::FLOWN`]. The gyro rates of `motion_psf` are not used yet, and are no values that the ground gives.
+/// [`crate::command::legacy::FLOWN`]. The gyro rates of `motion_psf` are no values that the ground gives: see [`Recorded`].
 const PLACES: [&[Place]; COMMANDS] = [
     &[],
     &[(Bool, 16), (Bool, 17)],
@@ -97,6 +98,8 @@ pub struct Block {
     pub horizontal: Option<(f64, f64)>,
     /// Estimated right ascension and declination, the same.
     pub equatorial: Option<(f64, f64)>,
+    /// How the gondola turned during a series of exposures: told by the command `motion_psf`.
+    pub motion: Option<Recorded>,
     /// The commands.
     pub commands: [Entry; COMMANDS],
 }
@@ -125,6 +128,7 @@ impl Block {
             observer: (flag(OBSERVER) && sane).then_some(observer),
             horizontal: flag(HORIZONTAL_WANTED).then(|| position(bytes, HORIZONTAL)).flatten(),
             equatorial: flag(EQUATORIAL_WANTED).then(|| position(bytes, EQUATORIAL)).flatten(),
+            motion: Recorded::unpack(bytes),
             commands,
         })
     }
@@ -144,6 +148,9 @@ impl Block {
         for (offset, (longitude, latitude)) in pairs.into_iter().filter_map(|(offset, pair)| Some((offset, pair?))) {
             put(&mut bytes, offset, longitude.to_le_bytes());
             put(&mut bytes, offset + 8, latitude.to_le_bytes());
+        }
+        if let Some(motion) = &self.motion {
+            motion.pack(&mut bytes);
         }
         if let Some(observer) = self.observer {
             put(&mut bytes, OBSERVER, [1]);
@@ -208,6 +215,7 @@ fn put_value(bytes: &mut [u8], form: Form, offset: usize, value: f64) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Step;
     use super::*;
     use crate::command::legacy::FLOWN;
 
@@ -235,6 +243,12 @@ mod tests {
             observer: Some(Observer { latitude: -1.3, sidereal_time: 7.0 }),
             horizontal: Some((-0.5, 0.7)),
             equatorial: Some((2.0, -0.8)),
+            motion: Some(Recorded {
+                counter_fcp: 40,
+                counter_stars: 39,
+                elevation: 0.5,
+                steps: vec![Step { exposure: 0, az: 1e-3, el: -1e-3 }; 9],
+            }),
             commands,
         }
     }

@@ -16,6 +16,11 @@ pub fn u32_at(bytes: &[u8], offset: usize) -> u32 {
     u32::from_le_bytes(at(bytes, offset))
 }
 
+/// A number of 32 bits.
+pub fn f32_at(bytes: &[u8], offset: usize) -> f32 {
+    f32::from_le_bytes(at(bytes, offset))
+}
+
 /// A number.
 pub fn f64_at(bytes: &[u8], offset: usize) -> f64 {
     f64::from_le_bytes(at(bytes, offset))

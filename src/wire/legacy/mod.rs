@@ -11,10 +11,12 @@
 mod answer;
 mod block;
 mod bytes;
+mod motion;
 mod served;
 
 pub use answer::{Answer, Blob, MAX_BLOBS, Variables};
 pub use block::{Block, BlockError};
+pub use motion::{Recorded, Step};
 pub use served::Picture;
 
 /// The protocol's version, the last member of both structs.
