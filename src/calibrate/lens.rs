@@ -184,7 +184,7 @@ mod tests {
                 Pair::round(left + 0.1 * noise * normal(), up + 0.1 * noise * normal(), 0.1, star)
             });
             let view = View { attitude, pairs: pairs.collect() };
-            let own = s * (1.0 + stretch * if i % 2 == 0 { 1.0 } else { -1.0 });
+            let own = s * (1.0 + stretch * if i.is_multiple_of(2) { 1.0 } else { -1.0 });
             Solved { view, platescale: own, sigma_platescale: s * 5e-5 }
         };
         (0..count).map(frame).collect()

@@ -338,9 +338,8 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
     let (to_hub, hub_inbox) = inbox::channel(HUB_INBOX);
     let (abort_solver, abort) = watch::channel(0);
     let hub = hub::Handle::new(to_hub);
-    let span = span_of(&settings);
+    let (span, pulses) = (span_of(&settings), Pulses::default());
     span.in_scope(|| announce(address, &settings, run, &kept));
-    let pulses = Pulses::default();
     let watchman =
         Watchman { hub: hub.clone(), settings: Arc::clone(&settings), state: state.clone(), clock, span, pulses: pulses.clone() };
 

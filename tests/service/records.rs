@@ -28,7 +28,7 @@ fn odd(image: u32, salt: u32) -> f64 {
 fn solved(image: u32) -> Solution {
     let of = |salt| odd(image, salt);
     Solution {
-        attitude: Attitude::from_angles(6.28 * of(1), 3.0 * of(2) - 1.5, 6.28 * of(3)),
+        attitude: Attitude::from_angles(std::f64::consts::TAU * of(1), 3.0 * of(2) - 1.5, std::f64::consts::TAU * of(3)),
         start: None,
         platescale: (9.0 + of(4)) * ARCSEC,
         k1: 1e-3 * of(5),
@@ -36,7 +36,7 @@ fn solved(image: u32) -> Solution {
         covariance: Mat3::from_diagonal_element(of(6) * 1e-12),
         sigma_platescale: 1e-4 * ARCSEC * of(7),
         rms_px: of(8),
-        chi2_per_dof: if image % 50 == 0 { f64::NAN } else { of(9) },
+        chi2_per_dof: if image.is_multiple_of(50) { f64::NAN } else { of(9) },
         matches: vec![Match { source: 1, star: 0, residual_px: (0.1, of(10)) }],
         false_probability_log10: -10.0 * of(11),
         horizontal: None,
