@@ -1,7 +1,7 @@
 //! The calibrate room: what the solved frames of a night or a flight say of the camera itself.
 //!
-//! [`lens`] has plate scale and distortion that all frames have in common, and whether distortion is warranted; [`HotPixels`] those pixels
-//! that stand above their neighbours wherever the camera looks; [`offset`] how a second camera is turned against it. [`Calibration`]
+//! [`fn@lens`] has plate scale and distortion that all frames have in common, and whether distortion is warranted; [`HotPixels`] those pixels
+//! that stand above their neighbours wherever the camera looks; [`fn@offset`] how a second camera is turned against it. [`Calibration`]
 //! writes them as settings, and [`guard`] says whether such settings may be put in force. Texts and frames come in; no disk, no clock.
 
 mod fragment;

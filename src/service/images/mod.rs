@@ -1,4 +1,4 @@
-//! Images for flight computers: to those that ask, chunk by chunk on their own connection ([`serve`]); and whole to those that speak the
+//! Images for flight computers: to those that ask, chunk by chunk on their own connection ([`fn@serve`]); and whole to those that speak the
 //! legacy dialect, as the program that flew sent them ([`LegacyImages`]). Both take them from the [`Gallery`] of what is kept.
 
 mod gallery;
