@@ -139,8 +139,10 @@ async fn write(stream: &mut (impl AsyncWrite + Unpin), packet: &[u8], rate_bytes
     for slice in packet.chunks(SLICE_BYTES) {
         sleep_until(next).await;
         timeout(patience, stream.write_all(slice)).await.map_err(|_| io::ErrorKind::TimedOut)??;
-        // From when it was due, so that timers which wake late do not add up.
-        next += Duration::from_secs_f64(slice.len() as f64 / rate_bytes_s);
+        // From when it was due, so that timers which wake late do not add up; but after a link that stood never to catch up on more than one.
+        let cost = Duration::from_secs_f64(slice.len() as f64 / rate_bytes_s);
+        let now = Instant::now();
+        next = next.max(now.checked_sub(cost).unwrap_or(now)) + cost;
     }
     Ok(())
 }
