@@ -69,26 +69,27 @@ impl Directory {
 
     /// Reads the files of one image; parts that can't be read are left out as long as one can.
     fn load(&self, series: &Files) -> Result<Series, CameraError> {
-        let mut frames = Vec::new();
+        let unreadable = |problem: String| CameraError::Unreadable { origin: series.name.clone(), problem };
+        let mut image: Option<Series> = None;
         let mut problems = Vec::new();
         for part in series.parts.iter().take(MAX_PARTS) {
             match load(&self.directory.join(part), part) {
                 Ok(mut frame) => {
                     frame.full_scale = frame.full_scale.or(self.full_scale);
-                    frames.push(frame);
+                    match &mut image {
+                        Some(image) => image.push(frame).map_err(|error| unreadable(error.to_string()))?,
+                        None => image = Some(frame.into()),
+                    }
                 }
                 Err(problem) => problems.push(problem),
             }
         }
-        let unreadable = |problem: String| CameraError::Unreadable { origin: series.name.clone(), problem };
-        if frames.is_empty() {
-            return Err(unreadable(problems.join("; ")));
-        }
+        let Some(image) = image else { return Err(unreadable(problems.join("; "))) };
         let too_many = series.parts.iter().skip(MAX_PARTS).map(|part| format!("{part}: more than {MAX_PARTS} parts"));
         for problem in problems.into_iter().chain(too_many) {
             tracing::warn!(problem, "left out of its series");
         }
-        Series::new(frames).map_err(|error| unreadable(error.to_string()))
+        Ok(image)
     }
 }
 

@@ -1,6 +1,7 @@
 //! Adding up the exposures of one series.
 
 use super::Frame;
+use crate::sky::{Kernel, with_vectors};
 
 /// Most exposures of a series.
 pub const MAX_PARTS: usize = 16;
@@ -30,48 +31,120 @@ pub enum CoaddError {
 /// # Errors
 /// No part, too many, or parts of different layouts.
 pub fn coadd(parts: &[Frame]) -> Result<Frame, CoaddError> {
-    let first = check(parts)?;
-    // A saturated pixel is marked by a sum beyond any other: no true sum reaches 2³¹.
-    const SATURATED: u32 = 1 << 31;
-    let mut sum = vec![0_u32; first.pixels.len()];
-    for part in parts {
-        let full_scale = part.full_scale.unwrap_or(u16::MAX);
-        for (total, &adu) in sum.iter_mut().zip(&part.pixels) {
-            *total += u32::from(adu);
-            *total |= if adu >= full_scale { SATURATED } else { 0 };
-        }
-    }
-
-    let full_scale: Option<u32> = parts.iter().map(|part| part.full_scale.map(u32::from)).sum();
-    let unsaturated = sum.iter().copied().filter(|total| total & SATURATED == 0);
-    let highest = full_scale.unwrap_or_else(|| unsaturated.max().unwrap_or(0));
-    let divisor = highest.div_ceil(u16::MAX.into()).max(1);
-    let top = full_scale.map_or(u16::MAX, |sum| (sum / divisor) as u16);
-    let scaled = |total: u32| match total & SATURATED {
-        0 if divisor == 1 => total as u16,
-        0 => (total / divisor) as u16,
-        _ => top,
-    };
-
-    let mut stamp = first.stamp.clone();
-    stamp.part = None;
-    stamp.exposures = parts.iter().fold(0, |n: u8, part| n.saturating_add(part.stamp.exposures.max(1)));
-    stamp.simulated = parts.iter().any(|part| part.stamp.simulated);
-    stamp.missing_packets = parts.iter().fold(0, |n: u32, part| n.saturating_add(part.stamp.missing_packets));
-    stamp.missed_frames = parts.iter().fold(0, |n: u32, part| n.saturating_add(part.stamp.missed_frames));
-    Ok(Frame { pixels: sum.into_iter().map(scaled).collect(), full_scale: full_scale.map(|_| top), stamp, ..*first })
+    let (first, others) = split(parts)?;
+    let mut sum = Sum::of(first);
+    others.iter().for_each(|part| sum.add(part));
+    Ok(sum.frame(first, others))
 }
 
-/// Whether exposures can be added; the first of them.
-pub(super) fn check(parts: &[Frame]) -> Result<&Frame, CoaddError> {
+/// A running sum of exposures, so that each is added when it comes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Sum {
+    /// The sum of each pixel, ADU; with [`SATURATED`] where it was saturated in any.
+    totals: Vec<i32>,
+    /// The highest of those that were not.
+    highest: i32,
+}
+
+/// Added to the sum of a saturated pixel: so it is below zero, and no other is, for sixteen times 16 bits are 20.
+const SATURATED: i32 = i32::MIN;
+
+impl Sum {
+    /// Of one exposure.
+    pub fn of(first: &Frame) -> Self {
+        let mut sum = Self { totals: vec![0; first.pixels.len()], highest: 0 };
+        sum.add(first);
+        sum
+    }
+
+    /// Adds an exposure that is laid out like the first.
+    pub fn add(&mut self, part: &Frame) {
+        self.highest = with_vectors(Add { totals: &mut self.totals, part });
+    }
+
+    /// The sum, which is that of these exposures.
+    pub fn frame(&self, first: &Frame, others: &[Frame]) -> Frame {
+        let parts = || std::iter::once(first).chain(others);
+        let full_scale: Option<u32> = parts().map(|part| part.full_scale.map(u32::from)).sum();
+        let highest = full_scale.unwrap_or_else(|| self.highest.unsigned_abs());
+        let divisor = highest.div_ceil(u16::MAX.into()).max(1);
+        let top = full_scale.map_or(u16::MAX, |sum| (sum / divisor) as u16);
+
+        let mut stamp = first.stamp.clone();
+        stamp.part = None;
+        stamp.exposures = parts().fold(0, |n: u8, part| n.saturating_add(part.stamp.exposures.max(1)));
+        stamp.simulated = parts().any(|part| part.stamp.simulated);
+        stamp.missing_packets = parts().fold(0, |n: u32, part| n.saturating_add(part.stamp.missing_packets));
+        stamp.missed_frames = parts().fold(0, |n: u32, part| n.saturating_add(part.stamp.missed_frames));
+        let pixels = with_vectors(Scale { totals: &self.totals, divisor, top });
+        Frame { pixels, full_scale: full_scale.map(|_| top), stamp, ..*first }
+    }
+}
+
+/// Adds an exposure to the sums; gives the highest that is not saturated.
+struct Add<'a> {
+    totals: &'a mut [i32],
+    part: &'a Frame,
+}
+
+impl Kernel for Add<'_> {
+    type Output = i32;
+
+    #[inline(always)]
+    fn run(self) -> i32 {
+        let full_scale = self.part.full_scale.unwrap_or(u16::MAX);
+        let mut highest = 0;
+        for (total, &adu) in self.totals.iter_mut().zip(&self.part.pixels) {
+            let saturated = if adu >= full_scale { SATURATED } else { 0 };
+            // It has room for all: to look whether it overflows would keep vectors from being used.
+            *total = total.wrapping_add(i32::from(adu)) | saturated;
+            highest = highest.max(*total);
+        }
+        highest
+    }
+}
+
+/// Brings the sums to 16 bits.
+struct Scale<'a> {
+    totals: &'a [i32],
+    divisor: u32,
+    top: u16,
+}
+
+impl Kernel for Scale<'_> {
+    type Output = Vec<u16>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<u16> {
+        let Scale { totals, divisor, top } = self;
+        let mut pixels = vec![0; totals.len()];
+        for (pixel, &total) in pixels.iter_mut().zip(totals) {
+            *pixel = if total < 0 { top } else { total as u16 };
+        }
+        if divisor > 1 {
+            for (pixel, &total) in pixels.iter_mut().zip(totals).filter(|(_, total)| **total >= 0) {
+                *pixel = (total.unsigned_abs() / divisor) as u16;
+            }
+        }
+        pixels
+    }
+}
+
+/// The first exposure and the others, where they can be added.
+pub(super) fn split(parts: &[Frame]) -> Result<(&Frame, &[Frame]), CoaddError> {
     let Some((first, others)) = parts.split_first().filter(|_| parts.len() <= MAX_PARTS) else {
         return Err(CoaddError::Number(parts.len()));
     };
-    let layout = |frame: &Frame| (frame.width, frame.height, frame.rows, frame.pixels.len());
-    match others.iter().position(|part| layout(part) != layout(first)) {
+    match others.iter().position(|part| !alike(first, part)) {
         Some(i) => Err(CoaddError::Layout { part: i + 1 }),
-        None => Ok(first),
+        None => Ok((first, others)),
     }
+}
+
+/// Whether two exposures are laid out alike.
+pub(super) fn alike(a: &Frame, b: &Frame) -> bool {
+    let layout = |frame: &Frame| (frame.width, frame.height, frame.rows, frame.pixels.len());
+    layout(a) == layout(b)
 }
 
 #[cfg(test)]

@@ -1,49 +1,73 @@
 //! A series: the exposures of one image, read out one by one.
 
-use super::{CoaddError, Frame, MAX_PARTS, Stamp, coadd};
+use super::coadd::{Sum, alike};
+use super::{CoaddError, Frame, MAX_PARTS, Stamp};
 
 /// The exposures of one image, in the order in which they were read out: one to [`MAX_PARTS`], all laid out alike.
+///
+/// Each is added to a running sum when it comes, so that when the last has come little is left to be done before it is solved.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Series(Vec<Frame>);
+pub struct Series {
+    exposures: Vec<Frame>,
+    /// Of all exposures, where there are several.
+    sum: Option<Sum>,
+}
 
 impl Series {
     /// A series of exposures; where there are several, each is marked with its place among them.
     ///
     /// # Errors
     /// None, too many, or exposures of different layouts.
-    pub fn new(mut exposures: Vec<Frame>) -> Result<Self, CoaddError> {
-        super::coadd::check(&exposures)?;
-        if exposures.len() > 1 {
-            let places = 0..=u8::MAX;
-            exposures.iter_mut().zip(places).for_each(|(exposure, place)| exposure.stamp.part = Some(place));
+    pub fn new(exposures: Vec<Frame>) -> Result<Self, CoaddError> {
+        let number = exposures.len();
+        let mut exposures = exposures.into_iter();
+        let mut series = Self::from(exposures.next().filter(|_| number <= MAX_PARTS).ok_or(CoaddError::Number(number))?);
+        exposures.try_for_each(|exposure| series.push(exposure))?;
+        Ok(series)
+    }
+
+    /// Puts the next exposure to it.
+    ///
+    /// # Errors
+    /// One too many, or one that is laid out differently; the series is as it was.
+    pub fn push(&mut self, mut exposure: Frame) -> Result<(), CoaddError> {
+        let place = self.exposures.len();
+        let first = self.exposures.first_mut().filter(|_| place < MAX_PARTS).ok_or(CoaddError::Number(place + 1))?;
+        if !alike(first, &exposure) {
+            return Err(CoaddError::Layout { part: place });
         }
-        Ok(Self(exposures))
+        first.stamp.part = Some(0);
+        exposure.stamp.part = u8::try_from(place).ok();
+        self.sum.get_or_insert_with(|| Sum::of(first)).add(&exposure);
+        self.exposures.push(exposure);
+        Ok(())
     }
 
     /// Changes the stamp of every exposure.
     pub fn stamp(&mut self, change: impl Fn(&mut Stamp)) {
-        self.0.iter_mut().for_each(|exposure| change(&mut exposure.stamp));
+        self.exposures.iter_mut().for_each(|exposure| change(&mut exposure.stamp));
     }
 
-    /// All exposures added up, as [`coadd()`] does; `None` for one that stands alone and is its own sum.
+    /// All exposures added up, as [`coadd()`](super::coadd()) does; `None` for one that stands alone and is its own sum.
     pub fn sum(&self) -> Option<Frame> {
-        if self.0.len() < 2 { None } else { coadd(&self.0).ok() }
+        let (first, others) = self.exposures.split_first()?;
+        self.sum.as_ref().map(|sum| sum.frame(first, others))
     }
 
     /// The exposures.
     pub fn exposures(&self) -> &[Frame] {
-        &self.0
+        &self.exposures
     }
 
     /// The exposures, one after another.
     pub fn into_exposures(self) -> Vec<Frame> {
-        self.0
+        self.exposures
     }
 }
 
 impl From<Frame> for Series {
     fn from(frame: Frame) -> Self {
-        Self(vec![frame])
+        Self { exposures: vec![frame], sum: None }
     }
 }
 
@@ -52,6 +76,7 @@ const _: () = assert!(MAX_PARTS <= u8::MAX as usize);
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::coadd;
     use crate::sky::RowOrder;
 
     fn exposure(adu: u16) -> Frame {
@@ -67,6 +92,24 @@ mod tests {
         let parts: Vec<_> = series.exposures().iter().map(|exposure| exposure.stamp.part).collect();
         assert_eq!(parts, (0..16).map(Some).collect::<Vec<_>>());
         assert!(series.exposures().iter().all(|exposure| exposure.stamp.gain_db == Some(3.0)));
+    }
+
+    #[test]
+    fn a_series_that_comes_one_by_one_is_that_which_comes_whole() {
+        let mut exposures: Vec<Frame> = [100, 4000, 4095, 7].map(exposure).into();
+        exposures.iter_mut().for_each(|exposure| exposure.full_scale = Some(4095));
+        let mut series = Series::from(exposures[0].clone());
+        for (i, exposure) in exposures.iter().enumerate().skip(1) {
+            series.push(exposure.clone()).unwrap();
+            assert_eq!(series, Series::new(exposures[..=i].to_vec()).unwrap());
+            let (sum, whole) = (series.sum().unwrap(), coadd(series.exposures()).unwrap());
+            assert_eq!(sum, whole);
+            assert_eq!(sum.pixels[0], [100, 4100, 8190 + 4095, 4 * 4095][i], "saturated from the third on");
+        }
+        let wide = Frame::new(4, 1, vec![0; 4], RowOrder::BottomFirst).unwrap();
+        let before = series.clone();
+        assert_eq!(series.push(wide), Err(CoaddError::Layout { part: 4 }));
+        assert_eq!(series, before, "what does not belong to it changes nothing");
     }
 
     #[test]
