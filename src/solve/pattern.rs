@@ -81,6 +81,8 @@ pub struct PatternSearch<'a> {
     tally: SearchTally,
     /// What of the sources does not depend on a triangle.
     prepared: Prepared,
+    /// How the plane of the sources lies on the sky, for each candidate.
+    lifted: Vec<[Vec3; 3]>,
     /// Cells of the sky that the sources fall into, for each candidate.
     cells: Vec<[u32; MAX_SOURCES]>,
 }
@@ -127,6 +129,7 @@ impl<'a> PatternSearch<'a> {
             best: None,
             tally: SearchTally::default(),
             prepared: Prepared::new(sources, field, geometry),
+            lifted: Vec::new(),
             cells: Vec::new(),
         }
     }
@@ -197,13 +200,18 @@ impl<'a> PatternSearch<'a> {
         candidate: impl Fn(&F) -> (usize, [u32; N]),
     ) -> (Option<SearchEnd>, usize) {
         let (field, count) = (self.field, self.sources.len());
-        let mut cells = std::mem::take(&mut self.cells);
-        cells.clear();
-        for place in found {
+        // One step for all candidates and then the next: in none of them has one to wait for the one before.
+        let (mut lifted, mut cells) = (std::mem::take(&mut self.lifted), std::mem::take(&mut self.cells));
+        lifted.clear();
+        lifted.extend(found.iter().map(|place| {
             let (plane, stars) = candidate(place);
-            let lifted = planes[plane].lift(&stars.map(|s| *field.triangles.direction(s)));
-            cells.push(field.bitmap.cells(&lifted, &planes[plane].x, &planes[plane].y, count));
-        }
+            planes[plane].lift(&stars.map(|s| *field.triangles.direction(s)))
+        }));
+        cells.clear();
+        cells.extend(found.iter().zip(&lifted).map(|(place, lifted)| {
+            let (plane, _) = candidate(place);
+            field.bitmap.cells(lifted, &planes[plane].x, &planes[plane].y, count)
+        }));
         let (mut end, mut looked_at) = (None, planes.len());
         for (place, cells) in found.iter().zip(&cells) {
             let (plane, stars) = candidate(place);
@@ -224,7 +232,7 @@ impl<'a> PatternSearch<'a> {
                 break;
             }
         }
-        self.cells = cells;
+        (self.lifted, self.cells) = (lifted, cells);
         (end, looked_at)
     }
 

@@ -153,18 +153,30 @@ impl Finder {
         self.surveyed.clear();
     }
 
-    /// Measures the peaks with the first guess of a kernel's shape.
-    pub(super) fn measure_peaks(&mut self, frame: &Frame, cells: &CellStatistics, look: &Look<'_>, kernel: SearchKernel) {
+    /// Measures the peaks with the first guess of a kernel's shape. `sources_follow`: whether the patches are measured further.
+    pub(super) fn measure_peaks(
+        &mut self,
+        frame: &Frame,
+        cells: &CellStatistics,
+        look: &Look<'_>,
+        kernel: SearchKernel,
+        sources_follow: bool,
+    ) {
         let scale = kernel.scale();
         let bin = 1usize << scale;
         let noise = |x: usize, y: usize| cells.local_noise(x * bin, y * bin) / bin as f32;
         let lists = (&mut self.candidates, &mut self.patches);
         let (peaks, least) = (&self.peaks, look.settings.min_snr as f32);
+        // A trail is a ridge.
+        let ridges = !matches!(kernel, SearchKernel::Trail { .. });
+        let (shape, level_out) = (kernel.shape(), ridges || sources_follow);
         match self.halved.get(scale.wrapping_sub(1)) {
-            Some(picture) => with_vectors(MeasurePeaks { picture, finer: 1, kernel, peaks, noise: &noise, least, lists }),
+            Some(picture) => {
+                with_vectors(MeasurePeaks { picture, finer: 1, shape, ridges, level_out, peaks, noise: &noise, least, lists })
+            }
             None => {
                 let (picture, finer) = (&Clipped::new(frame, &self.excess), 1 << kernel.search_scale());
-                with_vectors(MeasurePeaks { picture, finer, kernel, peaks, noise: &noise, least, lists });
+                with_vectors(MeasurePeaks { picture, finer, shape, ridges, level_out, peaks, noise: &noise, least, lists });
             }
         }
     }
@@ -230,7 +242,7 @@ impl Finder {
         let settings = look.settings;
         let scale = kernel.scale();
         let bin = 1usize << scale;
-        self.measure_peaks(frame, cells, look, kernel);
+        self.measure_peaks(frame, cells, look, kernel, true);
         let saturation = cells.saturation.map_or(f32::INFINITY, |level| SATURATED_FROM * f32::from(level));
         for candidate in &mut self.candidates {
             candidate.saturated = self.patches[candidate.patch].highest() >= saturation;
@@ -386,7 +398,12 @@ struct MeasurePeaks<'a, P> {
     picture: &'a P,
     /// Samples of the picture along one sample of the plane that the peaks were found in.
     finer: usize,
-    kernel: SearchKernel,
+    /// What stars are taken to look like.
+    shape: Shape,
+    /// Whether ridges are looked for, for which patches have to be levelled out.
+    ridges: bool,
+    /// Whether patches are levelled out.
+    level_out: bool,
     peaks: &'a [Peak],
     noise: &'a dyn Fn(usize, usize) -> f32,
     /// Least signal to noise.
@@ -399,9 +416,9 @@ impl<P: Picture> Kernel for MeasurePeaks<'_, P> {
 
     #[inline(always)]
     fn run(self) {
-        let MeasurePeaks { picture, finer, kernel, peaks, noise, least, lists: (candidates, patches) } = self;
+        let MeasurePeaks { picture, finer, shape, ridges, level_out, peaks, noise, least, lists: (candidates, patches) } = self;
         candidates.clear();
-        let template = CoreTemplate::new(&kernel.shape());
+        let template = CoreTemplate::new(&shape);
         for &peak in peaks {
             let mut peak = Peak { x: peak.x * finer, y: peak.y * finer, ..peak };
             if finer > 1 {
@@ -421,9 +438,10 @@ impl<P: Picture> Kernel for MeasurePeaks<'_, P> {
             let sigma = noise(peak.x, peak.y);
             let mut standing = Standing::measure_in(patch, &around, &template, sigma);
             if standing.confidence >= least {
-                patch.level_out(around.slope);
-                // A trail is a ridge.
-                if !matches!(kernel, SearchKernel::Trail { .. }) {
+                if level_out {
+                    patch.level_out(around.slope);
+                }
+                if ridges {
                     standing.look_for_ridge(patch, sigma);
                 }
                 candidates.push(Candidate { peak, patch: place, sigma, standing, saturated: false, in_line: false });

@@ -31,7 +31,7 @@ const JUDGED_PER_CELL: usize = 2;
 const TRAILS_PER_CELL: usize = 4;
 /// Directions that are judged, of those in which the highest peaks of the cells stand furthest above their thresholds; none counts for
 /// more than this many thresholds.
-const JUDGED_DIRECTIONS: usize = 4;
+const JUDGED_DIRECTIONS: usize = 3;
 const MOST_PROMISE: f32 = 2.0;
 
 /// Peaks along a direction, and how far the highest of them stand out.
@@ -109,7 +109,7 @@ impl Finder {
         for of_cell in peaks.chunk_by(|a, b| a.cell == b.cell) {
             self.peaks.extend(of_cell.iter().take(JUDGED_PER_CELL));
         }
-        self.measure_peaks(frame, cells, look, kernel);
+        self.measure_peaks(frame, cells, look, kernel, false);
         Survey { kernel, peaks, score: self.score(look) }
     }
 
