@@ -310,6 +310,33 @@ mod tests {
     }
 
     #[test]
+    fn every_pixel_is_clipped_by_its_own_neighbours_whatever_the_width() {
+        for (width, height) in [(2, 2), (3, 4), (35, 6), (36, 7), (67, 6), (70, 40), (131, 5)] {
+            let value = |n: usize| (n.wrapping_mul(2_654_435_761) >> 7) % 900;
+            let frame =
+                Frame::new(width, height, (0..width * height).map(|n| value(n) as u16).collect(), RowOrder::TopFirst).unwrap();
+            let excess: Vec<u16> = (0..width * height.div_ceil(CELL_PX)).map(|n| value(n + 7) as u16 / 9).collect();
+            let pixel = |x: usize, y: usize| frame.pixels[y * width + x];
+            let clipped = |x: usize, y: usize| {
+                if x == 0 || y == 0 || x + 1 == width || y + 1 == height {
+                    return pixel(x, y);
+                }
+                let around = (y - 1..y + 2).flat_map(|j| (x - 1..x + 2).map(move |i| (i, j))).filter(|place| *place != (x, y));
+                let highest = around.map(|(i, j)| pixel(i, j)).max().unwrap();
+                pixel(x, y).min(highest + excess[y / CELL_PX * width + x])
+            };
+            let mut half = Plane::default();
+            halve(&Clipped::new(&frame, &excess), &mut HalveScratch::default(), &mut half);
+            for y in 0..height / 2 {
+                for x in 0..width / 2 {
+                    let four = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| f32::from(clipped(2 * x + i, 2 * y + j)));
+                    assert_eq!(half.row(y)[x], 0.25 * four.iter().sum::<f32>(), "{width} × {height}, ({x}, {y})");
+                }
+            }
+        }
+    }
+
+    #[test]
     fn a_patch_has_the_whole_star_and_no_hot_pixel() {
         let mut pixels = vec![100u16; 40 * 40];
         pixels[24 * 40 + 24] = 5000;
