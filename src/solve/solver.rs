@@ -39,7 +39,7 @@ const LEAST_SOURCES: usize = 4;
 const WIDE_LISTS: usize = 2;
 /// The sharp list of sources has one part in this many of the budget of candidates, each wide one this. (Trials: of 440 frames of the
 /// hard kinds that are solved at all every one is solved with 750 candidates of its sharp list or 400 of a wide one.)
-const SHARP_PART: u64 = 6;
+const SHARP_PART: u64 = 8;
 const WIDE_PART: u64 = 15;
 /// A candidate less unlikely than this to be chance is worth reporting as `undecided`, ln.
 const UNDECIDED_FALSE_LN: f64 = 0.0;

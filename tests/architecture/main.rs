@@ -78,7 +78,7 @@ const NAMES_NOWHERE: [(&str, &str); 6] = [
 const EXCEPTIONS: [(&str, &str, &str); 5] = [
     ("cli/memory.rs", "unsafe", "the C library has no safe way to be told to give memory back"),
     ("catalog/pages.rs", "unsafe", "the system has no safe way to be asked for large pages"),
-    ("sky/vectors.rs", "unsafe", "the same code compiled for AVX2 is called where the processor has it"),
+    ("sky/vectors.rs", "unsafe", "the same code compiled for wider vectors is called where the processor has them"),
     (
         "image/statistics.rs",
         "unsafe",
