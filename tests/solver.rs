@@ -189,7 +189,7 @@ fn a_stop_is_obeyed_at_whatever_point_it_comes() {
     let patient = StopAfter(AtomicUsize::new(usize::MAX), Stop::TimedOut);
     assert_eq!(solver.solve(&frame, &Prior::default(), &patient).reason, Reason::NoMatch);
     let asked_in_all = usize::MAX - patient.0.load(Ordering::Relaxed);
-    assert!(asked_in_all > 30, "{asked_in_all}");
+    assert!(asked_in_all > 20, "it asks in every stage, and in the long ones often: {asked_in_all}");
     let obeyed = |asked: usize| {
         let watch = StopAfter(AtomicUsize::new(asked), Stop::TimedOut);
         solver.solve(&frame, &Prior::default(), &watch).reason == Reason::TimedOut
