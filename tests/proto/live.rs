@@ -213,19 +213,48 @@ fn stages_of(lines: &[Value]) -> Vec<String> {
 
 const DONE: [&str; 3] = ["accepted", "started", "completed"];
 
+/// The worked example in C, built in a directory.
+fn example_in_c(room: &std::path::Path) -> std::path::PathBuf {
+    let program = room.join("example");
+    let include = format!("-I{}", proto("").display());
+    let arguments = ["-std=gnu11", "-O1", "-Wall", "-Wextra", "-Werror", &include, "-o", program.to_str().unwrap()];
+    crate::run("gcc", &[&arguments[..], &[proto("example.c").to_str().unwrap()]].concat());
+    program
+}
+
+#[test]
+fn both_worked_examples_print_solutions_of_the_simulated_sky_and_command_it() {
+    let camera = Camera::start(&["camera.kind=sky", "camera.period_s=0.5", "simulate.kind=night"]);
+    let room = tempfile::tempdir().unwrap();
+    let c = |arguments: &[&str]| {
+        Command::new(example_in_c(room.path())).arg(camera.port.to_string()).args(arguments).output().unwrap()
+    };
+    let python = |arguments: &[&str]| {
+        let mut command = Command::new("python3");
+        command.arg(proto("example.py")).arg(format!("127.0.0.1:{}", camera.port)).args(arguments).output().unwrap()
+    };
+    let solutions = |output: &Output| {
+        let said = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+        said.lines().filter(|line| line.starts_with("image ") && line.contains(" ra ") && line.contains("arcsec^2")).count()
+    };
+    assert_eq!([solutions(&c(&[])), solutions(&python(&[]))], [5, 5]);
+    let commanded = python(&["lens.set_focus 2950"]);
+    let said = String::from_utf8_lossy(&commanded.stdout).into_owned();
+    assert!(commanded.status.success() && said.contains("completed: focus at 2950 counts"), "{said}");
+    let refused = python(&["service.quit"]);
+    assert_eq!(refused.status.code(), Some(1), "{}", String::from_utf8_lossy(&refused.stdout));
+}
+
 #[test]
 fn a_c_program_commands_the_running_service_and_reads_the_stages() {
     let camera = Camera::start(&[]);
     let room = tempfile::tempdir().unwrap();
-    let program = room.path().join("commander");
-    let source = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/proto/commander.c");
-    let include = format!("-I{}", proto("").display());
-    let arguments = ["-std=gnu11", "-O1", "-Wall", "-Wextra", "-Werror", &include, "-o", program.to_str().unwrap()];
-    crate::run("gcc", &[&arguments[..], &[source.to_str().unwrap()]].concat());
+    let program = example_in_c(room.path());
     let output = Command::new(&program).args([&camera.port.to_string(), "23", "2900"]).output().unwrap();
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success(), "{:?}: {said}", output.status);
-    let stages: Vec<&str> = said.lines().collect();
+    let stages: Vec<&str> = said.lines().filter(|line| line.starts_with("command")).collect();
     assert_eq!(stages.len(), 3, "{said}");
     assert!(stages[0].starts_with("command 23 stage 1") && stages[1].starts_with("command 23 stage 2"), "{said}");
     assert!(stages[2].starts_with("command 23 stage 3: focus at 2900 counts"), "{said}");
