@@ -97,6 +97,12 @@ pub struct Book {
     /// The boots of the runs.
     boots: BTreeMap<u32, usize>,
     timeout: Option<u64>,
+    /// States and frames that an open page got, and what it got that was wrong, in words.
+    pub page_states: u64,
+    /// See there.
+    pub page_frames: u64,
+    /// See there.
+    pub page_wrong: Vec<String>,
     /// When a solution came last, or the flight began; and the longest time without one.
     solved_at: Option<Instant>,
     /// See there.
@@ -302,6 +308,21 @@ impl Account {
         } else if book.honest.contains_key(&key(timeout_s)) {
             book.effects.push(key(timeout_s));
         }
+    }
+
+    /// A page got a state.
+    pub fn page_state(&self) {
+        self.book().page_states += 1;
+    }
+
+    /// A page got a frame, whole.
+    pub fn page_frame(&self) {
+        self.book().page_frames += 1;
+    }
+
+    /// A page got something that is wrong.
+    pub fn page_wrong(&self, what: String) {
+        self.book().page_wrong.push(what);
     }
 
     /// A word of the lens moved it where nobody commanded.

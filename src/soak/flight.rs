@@ -4,6 +4,7 @@ use super::account::{Account, Book, POISON_COUNTS, SENSOR_C};
 use super::computer::{Computer, Connect, Handle, Line};
 use super::images;
 use super::instrument::{Charger, Faults, camera, solver};
+use super::page;
 use super::report::Report;
 use super::resources::Held;
 use super::schedule::{Class, Fault, schedule};
@@ -134,6 +135,8 @@ struct Soak {
     handles: [Handle; 2],
     /// How the service is entered, while it runs.
     door: Arc<Mutex<Option<Door>>>,
+    /// Its page, while it runs.
+    page: page::Door,
 }
 
 /// Flies the plan by these settings; `show` is told how far it is now and then.
@@ -158,6 +161,7 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
         utc: (!plan.machine_clock).then(|| SimulatedUtc::begin(UNIX_S)),
         handles: [Handle::new(), Handle::new()],
         door: Arc::default(),
+        page: page::Door::default(),
         settings,
         plan,
     };
@@ -167,6 +171,7 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
     let mut running = soak.start().await?;
     soak.computers().into_iter().for_each(|computer| drop(tasks.spawn(computer.fly())));
     tasks.spawn(watch_each_other(soak.handles.clone()));
+    tasks.spawn(page::look(soak.page.clone(), soak.account.clone()));
     tasks.spawn(ground(soak.handles.clone(), soak.account.clone(), soak.plan.seed));
     let classes = soak.plan.classes();
     let mut faults = schedule(soak.plan.seed, soak.plan.duration, soak.plan.every, &classes).into_iter().peekable();
@@ -233,6 +238,8 @@ fn adapted(settings: &Settings, plan: &Plan) -> Settings {
     settings.simulate.best_focus_counts = BEST_COUNTS;
     settings.simulate.seed = plan.seed;
     settings.network.listen = "127.0.0.1:0".to_owned();
+    // A page is open all the time: ten states a second for eleven days would be more than all else.
+    settings.display.rate_hz = 1.0;
     settings.record.directory = within("record");
     // Room for what else is kept, and for what fills a small disk now and then.
     settings.record.images_limit_gib = if is_small(&plan.directory) { 0.75 * SMALL_DISK as f64 } else { IMAGES_BYTES } / GIB;
@@ -261,6 +268,7 @@ impl Soak {
         let running = start_with(settings, parts, doors)?;
         self.account.begun_run(running.clock.boot_id(), running.state.borrow().settings.solver.timeout_s);
         *self.door.lock().unwrap_or_else(PoisonError::into_inner) = Some(running.door());
+        *self.page.lock().unwrap_or_else(PoisonError::into_inner) = Some(running.page.clone());
         Ok(running)
     }
 
@@ -286,6 +294,7 @@ impl Soak {
         }
         self.look_at_the_lens(words);
         *self.door.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        *self.page.lock().unwrap_or_else(PoisonError::into_inner) = None;
         self.handles.iter().for_each(|handle| handle.disturb(Instant::now() + DISTURBED_AFTER));
         let (state, boot) = (running.state.clone(), running.clock.boot_id());
         let late = running.stop().await;
@@ -405,6 +414,7 @@ impl Soak {
             Class::ListenerActor => upset(Actor::Listener),
             Class::RecorderActor => upset(Actor::Recorder),
             Class::ArchiveActor => upset(Actor::Archive),
+            Class::DisplayActor => upset(Actor::Display),
             Class::LedgerActor => upset(Actor::Ledger),
             Class::HubActor => upset(Actor::Hub),
             Class::Strangers => drop(tasks.spawn(strangers(self.connect(9), self.settings.network.max_connections, until))),

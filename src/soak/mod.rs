@@ -10,6 +10,7 @@ mod computer;
 mod flight;
 mod images;
 mod instrument;
+mod page;
 mod report;
 mod resources;
 mod schedule;

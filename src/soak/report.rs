@@ -77,6 +77,7 @@ impl Report {
         self.line(&format!("commands given {}: {:?}; refused blocks and slots {:?}", book.given, book.ended, book.refused));
         let [never, once, more] = book.times_run();
         self.line(&format!("of those whose doing shows {once} were done once, {never} never, {more} more often"));
+        self.line(&format!("an open page got {} states and {} frames, whole", book.page_states, book.page_frames));
         self.line(&format!("restarts of actors: {:?}", book.restarts));
     }
 
@@ -87,6 +88,7 @@ impl Report {
         self.want("nothing done that nobody commanded", &book.spurious);
         self.want("no value shown that the sensor did not give", &book.misread);
         self.want("no command lost", &book.lost);
+        self.want("nothing wrong on an open page", &book.page_wrong);
         self.want("each command done once where it was said to be done, never twice", &book.contradictions());
         let kept = records(&plan.directory.join("record"));
         let differing = book.ended_runs.iter().filter_map(|EndedRun { boot, frames, late }| {
@@ -114,11 +116,13 @@ impl Report {
             some("solution", book.solved.into()),
             some("update", book.updates),
             some("value of the sensor", book.sensor_shown),
+            some("state on the page", book.page_states),
+            some("frame on the page", book.page_frames),
         ]
         .into_iter()
         .flatten()
         .collect();
-        self.want("frames, solutions, updates and values of the sensor", &nothing);
+        self.want("frames, solutions, updates, values of the sensor, states and frames on the page", &nothing);
         let unsolved = book.longest_unsolved;
         let long = (unsolved > LONGEST_UNSOLVED).then(|| format!("{:.1} h without one", unsolved.as_secs_f64() / 3600.0));
         self.want("a solution at least every six hours", &long.into_iter().collect::<Vec<_>>());

@@ -117,6 +117,8 @@ pub enum Class {
     /// See there.
     ArchiveActor,
     /// See there.
+    DisplayActor,
+    /// See there.
     LedgerActor,
     /// See there.
     HubActor,
@@ -126,7 +128,7 @@ pub enum Class {
 
 impl Class {
     /// Every class.
-    pub const ALL: [Self; 57] = [
+    pub const ALL: [Self; 58] = [
         Self::ComputerReboots,
         Self::ComputerStalls,
         Self::LinkCut,
@@ -181,6 +183,7 @@ impl Class {
         Self::ListenerActor,
         Self::RecorderActor,
         Self::ArchiveActor,
+        Self::DisplayActor,
         Self::LedgerActor,
         Self::HubActor,
         Self::ServiceRestarts,
