@@ -1656,7 +1656,7 @@ static void print_update(const stars_update_t *m)
         printf("null");
     else
     {
-        print_code(m->last_restart, (const char *const[]){"camera", "lens", "solver", "hub", "recorder", "ledger", "listener", "session", "housekeeping", "legacy_listener", "archive"});
+        print_code(m->last_restart, (const char *const[]){"camera", "lens", "solver", "hub", "recorder", "ledger", "listener", "session", "housekeeping", "legacy_listener", "archive", "display"});
     }
     printf(", \"last_restart_reason\": ");
     {

@@ -9,6 +9,7 @@ pub mod camera;
 pub mod catalog;
 pub mod cli;
 pub mod command;
+pub mod display;
 pub mod image;
 pub mod lens;
 pub mod service;

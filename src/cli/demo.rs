@@ -5,7 +5,8 @@ use super::{ConfigArgs, NEGATIVE, print};
 use crate::camera::{CameraError, Gondola, Moment, SimulatedSky, Source};
 use crate::image::Series;
 use crate::service::{
-    MakeSource, Parts, Running, Seen, Sighting, SimulatedLens, Stars, StartError, fly, simulated_sky, start_with,
+    Doors, MakeSource, PageSocket, Parts, Running, Seen, Sighting, SimulatedLens, Stars, StartError, fly, simulated_sky,
+    start_with,
 };
 use crate::settings::{CameraKind, Layer, LensKind, Loaded, Settings, parse_span};
 use crate::simulate::{COVERED_SIGMA, FlightComputer, Judged};
@@ -77,6 +78,10 @@ fn demonstration(loaded: Loaded) -> Settings {
     if untouched("network.listen") {
         settings.network.listen = "127.0.0.1:0".to_owned();
     }
+    if untouched("display.listen") && std::net::TcpListener::bind(&settings.display.listen).is_err() {
+        // Another program has it, perhaps another demonstration: any free port will do.
+        settings.display.listen = "127.0.0.1:0".to_owned();
+    }
     if untouched("record.enabled") {
         settings.record.enabled = false;
     }
@@ -94,8 +99,13 @@ async fn demonstrate(settings: Arc<Settings>, duration: Option<Duration>, images
     let parts = Parts { camera: Some(sky(&settings, &stars, parts.lens.as_ref(), &truths)), ..parts };
     let address = settings.network.listen.clone();
     let socket = TcpListener::bind(&address).await.map_err(|error| StartError::Listen { address, error })?;
-    let running = start_with(Arc::clone(&settings), parts, socket)?;
+    let doors = Doors { page: PageSocket::open(&settings.display.listen), ..Doors::from(socket) };
+    let running = start_with(Arc::clone(&settings), parts, doors)?;
     print(&format!("serving at {}, simulated: frames of kind {}", running.address, settings.simulate.kind))?;
+    match running.page.address() {
+        Some(page) => print(&format!("the page: http://{page}/"))?,
+        None => print(&format!("there is no page: {} cannot be had", settings.display.listen))?,
+    }
     let [one, two] = COMPUTERS.map(|id| board_computer(id, &running, &Gondola::new(&settings.simulate)));
     let mut board = Board::new(truths, settings.camera.period_s > settings.network.update_period_s);
     let why = tokio::select! {

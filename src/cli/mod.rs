@@ -11,9 +11,7 @@ mod config;
 mod demo;
 mod export;
 mod fcp;
-mod font;
 mod memory;
-mod overlay;
 mod render;
 mod run;
 mod selftest;
@@ -22,6 +20,7 @@ mod soak;
 mod solve;
 mod text;
 mod view;
+mod watch;
 
 pub use config::ConfigArgs;
 
@@ -53,6 +52,7 @@ enum Command {
     Soak(soak::Args),
     Solve(solve::Args),
     View(view::Args),
+    Watch(watch::Args),
 }
 
 impl Command {
@@ -71,6 +71,7 @@ impl Command {
             Self::Soak(args) => args.run(),
             Self::Solve(args) => args.run(),
             Self::View(args) => args.run(),
+            Self::Watch(args) => args.run(),
         }
     }
 }

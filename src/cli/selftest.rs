@@ -265,7 +265,8 @@ fn network(settings: &Settings) -> Result<String, String> {
         let found = bound.local_addr().map_err(|error| error.to_string())?;
         Ok((bound, format!("{found} can be listened on")))
     };
-    let addresses = [("network.listen", &settings.network.listen)].into_iter().chain(legacy);
+    let ours = [("network.listen", &settings.network.listen), ("display.listen", &settings.display.listen)];
+    let addresses = ours.into_iter().chain(legacy);
     let bound = addresses.map(bind).collect::<Result<Vec<_>, String>>()?;
     Ok(bound.into_iter().map(|(_, words)| words).collect::<Vec<_>>().join(", "))
 }

@@ -1,6 +1,7 @@
 //! `stars solve`: solves images from disk and says where they point, or why not.
 
-use super::{ConfigArgs, NEGATIVE, WRONG, overlay, print, text};
+use super::{ConfigArgs, NEGATIVE, WRONG, print, text};
+use crate::display::{FrameView, Geometry, draw, encode};
 use crate::image::{self, BadPixels, Frame, Stamp};
 use crate::service::{load_bad_pixels, load_catalogue, prepare, read_file};
 use crate::settings::Settings;
@@ -228,10 +229,11 @@ impl Batch<'_> {
     }
 
     fn write_overlay(&self, file: &Path, frame: &Frame, outcome: &Outcome) -> anyhow::Result<()> {
-        let catalogue = self.shared().catalogue().clone();
-        let picture = overlay::draw(frame, outcome, &catalogue, self.settings.camera.mirrored);
+        let report = Report::new(outcome, self.shared().catalogue());
+        let geometry = Geometry::new(frame.width, frame.height, frame.rows, self.settings.camera.mirrored);
+        let picture = draw(frame, &FrameView::new(outcome, &report, Some(geometry), &self.settings));
         let name = file.display();
-        fs::write(file, overlay::encode(&picture)?).with_context(|| format!("{name}: the overlay cannot be written"))
+        fs::write(file, encode(&picture)?).with_context(|| format!("{name}: the overlay cannot be written"))
     }
 
     fn answer_with(&self, outcome: &Outcome, complaint: Option<String>) -> Answer {

@@ -1,6 +1,7 @@
 //! Commands that change settings: what they set.
 
 use super::dictionary::Command;
+use super::value::ShowFocus;
 use crate::settings::{Settings, SettingsError};
 
 /// What a command that does nothing but change settings sets, as the settings room reads it; empty for any other.
@@ -16,6 +17,7 @@ fn assignments(command: &Command) -> Vec<String> {
         set(&format!("solver.requirements.{name}"), &values)
     };
     match *command {
+        Command::ConfigureDisplay { .. } | Command::SetZoom { .. } | Command::SetFocusDisplay { .. } => of_display(command),
         Command::SetNetworkLull { enabled, delay_s } => {
             set("commands", &[("network_lull", enabled.to_string()), ("network_lull_s", float(delay_s))])
         }
@@ -75,6 +77,32 @@ fn assignments(command: &Command) -> Vec<String> {
             set("solver.matching", &[("min_matched", min_matched.to_string())]),
         ]
         .concat(),
+        _ => Vec::new(),
+    }
+}
+
+/// What a command for the display sets.
+fn of_display(command: &Command) -> Vec<String> {
+    let set = |values: &[(&str, String)]| values.iter().map(|(key, value)| format!("display.{key}={value}")).collect();
+    match *command {
+        Command::ConfigureDisplay { rate_hz, full_screen, image_only, show_requirements, brightness } => set(&[
+            ("rate_hz", float(rate_hz)),
+            ("full_screen", full_screen.to_string()),
+            ("image_only", image_only.to_string()),
+            ("show_requirements", show_requirements.to_string()),
+            ("brightness", float(brightness)),
+        ]),
+        Command::SetZoom { x_px, y_px, magnification } => {
+            set(&[("zoom_x_px", x_px.to_string()), ("zoom_y_px", y_px.to_string()), ("zoom", float(magnification))])
+        }
+        Command::SetFocusDisplay { show } => {
+            let word = match show {
+                ShowFocus::Auto => "auto",
+                ShowFocus::On => "on",
+                ShowFocus::Off => "off",
+            };
+            set(&[("focus_panel", format!("{word:?}"))])
+        }
         _ => Vec::new(),
     }
 }

@@ -97,8 +97,8 @@ commands! {
     /// everything that was commanded, disarms. Acts blind, whatever else is wrong.
     6 "service.known_good" KnownGood "" None true {}
     /// Sets what the display shows.
-    7 "display.configure" ConfigureDisplay "xsc_main_settings" None false {
-        /// Pictures per second.
+    7 "display.configure" ConfigureDisplay "xsc_main_settings" None true {
+        /// Times per second that a page shows the state anew, at most.
         rate_hz: f64 => "Hz" [1, 30];
         /// Fill the screen.
         full_screen: bool => "" [0, 1];
@@ -110,10 +110,10 @@ commands! {
         brightness: f64 => "" [0.5, 4];
     }
     /// Magnifies a part of the display.
-    8 "display.set_zoom" SetZoom "xsc_display_zoom" None false {
-        /// Centre, from the left.
+    8 "display.set_zoom" SetZoom "xsc_display_zoom" None true {
+        /// Centre, from the left of a display of 640 px.
         x_px: i32 => "px" [0, 1000];
-        /// Centre, from the bottom.
+        /// Centre, from the bottom of a display of 480 px.
         y_px: i32 => "px" [0, 1000];
         /// Magnification.
         magnification: f64 => "" [1, 4];
@@ -199,7 +199,7 @@ commands! {
     /// Sweeps the focus over its range, says where the stars are sharpest, and goes back to where the lens was.
     45 "focus.advise" AdviseFocus "" Always true {}
     /// Sets when the display shows the autofocus.
-    44 "focus.set_display" SetFocusDisplay "xsc_autofocus_display_mode" None false {
+    44 "focus.set_display" SetFocusDisplay "xsc_autofocus_display_mode" None true {
         /// When.
         show: ShowFocus => "" [0, 2];
     }

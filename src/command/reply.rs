@@ -179,6 +179,11 @@ impl Replies {
         self.kept.iter().filter(move |reply| reply.serial > known)
     }
 
+    /// Those that are kept, newest first.
+    pub fn newest(&self) -> impl Iterator<Item = &Reply> {
+        self.kept.iter().rev()
+    }
+
     /// The last one.
     pub fn last(&self) -> Option<&Reply> {
         self.kept.back()

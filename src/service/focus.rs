@@ -4,7 +4,9 @@ use super::housekeeping::Quantity;
 use super::hub::Hub;
 use super::state::{Finished, State};
 use crate::command::{Command, OrderNumber, Refusal, Stage, Tick};
-use crate::lens::autofocus::{self, Autofocus, AutofocusRules, Decision, Ending, Event, Finding, FocusImage, Learned, SweepPlan};
+use crate::lens::autofocus::{
+    self, Autofocus, AutofocusRules, Decision, Ending, Event, Finding, FocusImage, Learned, Mode, SweepPlan,
+};
 use crate::lens::{FocusCounts, LensCommand, LensError, LensResult, RequestCounter};
 use crate::settings::FocusSettings;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -148,7 +150,12 @@ impl Hub {
                 }
             }
         }
-        state.autofocus = Arc::new(self.focus.desk().autofocus.status(now));
+        let desk = self.focus.desk();
+        let status = desk.autofocus.status(now);
+        if status.mode != Mode::NotRunning {
+            state.focus_curves = desk.autofocus.curves().into();
+        }
+        state.autofocus = Arc::new(status);
     }
 }
 

@@ -220,6 +220,9 @@ impl Hub {
             // Where there is no room for it now, the image is kept without its outcome.
             let _ = archive.try_send(ToArchive::Outcome(Arc::clone(&finished)));
         }
+        if outcome.reason == Reason::Solved {
+            state.last_solved = Some(finished.captured);
+        }
         self.show_focus(state, &finished);
         if finished.outcome.reason != Reason::Skipped {
             state.latest = Some(finished);

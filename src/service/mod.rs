@@ -22,6 +22,8 @@
 //! | session → its server of images | the newest request | 1 | replaced; whoever asks again before an answer came has none to the first |
 //! | server of images → session | answers: chunks, refusals | 1 | the server waits, while an update is due |
 //! | hub → everybody | [`State`] | the newest | replaced |
+//! | solver, hub → display | the newest frame, the newest [`State`] | the newest | replaced: a frame that was not shown is counted as passed over |
+//! | display → browser | the newest state as text; frames where asked | 1, and what the kernel holds | replaced: a slow browser skips |
 //! | session, legacy session → TCP | updates, chunks of images, answers | 32 KiB of the kernel | the session waits up to `network.silence_s`, skipping its ticks, then closes |
 //!
 //! No channel leads in a circle of waiting: the hub never waits for a send. [`Running::stop`] ends the edges first, then the
@@ -33,6 +35,7 @@ mod archive;
 mod camera;
 mod clock;
 mod codec;
+mod display;
 mod file;
 mod flight_computer;
 mod focus;
@@ -71,6 +74,7 @@ mod watchman;
 pub use camera::MakeSource;
 pub use clock::{Clock, SimulatedUtc, utc_now};
 pub use codec::{Codec, LinkError};
+pub use display::{Page, PageSocket};
 pub use file::{FileError, free_bytes, read_file};
 pub use flight_computer::{STATUS_PERIOD, Seen, Sighting, fly};
 pub use housekeeping::{Measurements, Quantity, Reading, SensorError, is_simulated, read_once};
@@ -190,6 +194,8 @@ pub struct Running {
     /// Where it is noted how this run ends; `None` where nothing is kept.
     runs: Option<Runs>,
     legacy: Option<LegacyListener>,
+    /// The page for browsers.
+    pub page: Page,
     /// In the order in which they are to end.
     stages: [(&'static str, Stage); 4],
 }
@@ -284,11 +290,13 @@ pub struct Doors {
     pub manager: Manager,
     /// A UTC that is made up, where it is.
     pub utc: Option<&'static SimulatedUtc>,
+    /// Where browsers connect; by default nowhere.
+    pub page: PageSocket,
 }
 
 impl From<TcpListener> for Doors {
     fn from(door: TcpListener) -> Self {
-        Self { door, legacy_door: None, links: Vec::new(), manager: Manager::default(), utc: None }
+        Self { door, legacy_door: None, links: Vec::new(), manager: Manager::default(), utc: None, page: PageSocket::default() }
     }
 }
 
@@ -302,7 +310,8 @@ impl Doors {
         };
         let door = door.map_err(|error| StartError::Listen { address, error })?;
         let legacy_door = manager::fitting(inherited.legacy_door, &settings.legacy.listen);
-        Ok(Self { door, legacy_door, links: inherited.links, manager, utc: None })
+        let page = PageSocket::open(&settings.display.listen);
+        Ok(Self { door, legacy_door, links: inherited.links, manager, utc: None, page })
     }
 }
 
@@ -322,7 +331,7 @@ pub async fn start(settings: Arc<Settings>, inherited: Inherited, manager: Manag
 /// # Errors
 /// See [`StartError`].
 pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>) -> Result<Running, StartError> {
-    let Doors { door: socket, legacy_door, links, manager, utc } = doors.into();
+    let Doors { door: socket, legacy_door, links, manager, utc, page } = doors.into();
     let lens = parts.lens.map_or_else(|| simulated_lens(&settings), |lens| Ok(Some(lens)))?;
     let address = socket.local_addr().map_err(|error| StartError::Listen { address: settings.network.listen.clone(), error })?;
     let allowed = addresses(&settings.network.peers)?;
@@ -346,7 +355,8 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
     let recorder = watchman.keep_recorder(&keeping);
     let ledger = ledger.map(|ledger| watchman.keep_ledger(&keeping, ledger));
     let to_lens = watchman.keep_lens(&edges, lens.as_ref());
-    let to_solver = watchman.keep_solver(&solving, parts.solver, abort);
+    let (page, shown) = watchman.keep_display(&edges, page);
+    let to_solver = watchman.keep_solver(&solving, parts.solver, abort, shown);
     let archives = watchman.keep_archives(&keeping);
     let camera = parts.camera.map(|make| watchman.keep_camera(&edges, make, to_solver, archives.clone()));
     watchman.keep_housekeeping(&edges);
@@ -380,13 +390,8 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
         visitors: Visitors::new(settings.network.connections_per_s),
         stop: edges.stop.clone(),
     });
-    let last = links.iter().map(|(link, _)| link.connection).max().unwrap_or_default();
-    let next = Arc::new(AtomicU64::new(last.saturating_add(1)));
-    let legacy = legacy.map(|socket| LegacyListener::new(socket, next.clone(), shared.clone(), edges.tracker.clone()));
-    let places = Arc::new(Semaphore::new(settings.network.max_connections as usize));
-    let tracker = edges.tracker.clone();
-    let listener = Listener { socket: Arc::new(socket), allowed, places, next, shared, tracker };
-    links.into_iter().for_each(|(link, stream)| listener.resume(link, stream));
+    let seats = Seats { socket, allowed, legacy, tracker: edges.tracker.clone() };
+    let (listener, legacy) = seats.take(shared, links);
     watchman.open_doors(&edges, &listener, legacy.as_ref());
     let stages = [("camera or connections", edges), ("solver", solving), ("hub", owning), ("recorder or archive", keeping)];
     let legacy_address = legacy.as_ref().and_then(LegacyListener::address);
@@ -400,9 +405,32 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
         pulses,
         listener,
         legacy,
+        page,
         runs,
         stages,
     })
+}
+
+/// What flight computers are let in with.
+struct Seats {
+    socket: TcpListener,
+    allowed: Arc<[IpAddr]>,
+    legacy: Option<TcpListener>,
+    tracker: TaskTracker,
+}
+
+impl Seats {
+    /// The listeners; connections that an earlier run left open go on.
+    fn take(self, shared: Arc<Shared>, links: Vec<(LinkName, std::net::TcpStream)>) -> (Listener, Option<LegacyListener>) {
+        let Self { socket, allowed, legacy, tracker } = self;
+        let last = links.iter().map(|(link, _)| link.connection).max().unwrap_or_default();
+        let next = Arc::new(AtomicU64::new(last.saturating_add(1)));
+        let legacy = legacy.map(|socket| LegacyListener::new(socket, next.clone(), shared.clone(), tracker.clone()));
+        let places = Arc::new(Semaphore::new(shared.settings.network.max_connections as usize));
+        let listener = Listener { socket: Arc::new(socket), allowed, places, next, shared, tracker };
+        links.into_iter().for_each(|(link, stream)| listener.resume(link, stream));
+        (listener, legacy)
+    }
 }
 
 /// Marks the log where images go through anything that is simulated.

@@ -83,6 +83,8 @@ pub struct SolverActor {
     pub abort: watch::Receiver<u32>,
     /// The jobs that have not ended.
     pub left_behind: LeftBehind,
+    /// Where the last frame that was looked at is shown, before its outcome is told.
+    pub shown: Arc<watch::Sender<Option<Arc<Frame>>>>,
     /// When to end; the frame that is being solved ends as `aborted`.
     pub stop: CancellationToken,
 }
@@ -264,6 +266,11 @@ impl SolverActor {
     /// Tells the hub the outcome of a frame, which is open until that is done.
     async fn end(&self, finished: Finished) {
         let image = finished.outcome.stamp.image;
+        if finished.outcome.reason != Reason::Skipped
+            && let Some(captured) = self.open().get(&image)
+        {
+            self.shown.send_replace(Some(Arc::clone(&captured.frame)));
+        }
         self.hub.tell(ToHub::Finished(Box::new(finished))).await;
         self.open().remove(&image);
     }

@@ -8,7 +8,7 @@ use super::strain::Strain;
 use crate::command::legacy::LegacyGuard;
 use crate::command::{BootId, Command, Desk, FlightComputer, Focus, Guard, InCharge, Lease, OrderNumber, Tick};
 use crate::image::{ImageCounter, TriggerCounter};
-use crate::lens::autofocus::{Autofocus, AutofocusRules, AutofocusStatus};
+use crate::lens::autofocus::{Autofocus, AutofocusRules, AutofocusStatus, CurvePoint};
 use crate::lens::{AperturePosition, Doubt, FocusCounts, FocusKept, LensCommand, LensState, RequestCounter};
 use crate::settings::{CameraKind, LensKind, ObserverSettings, Settings};
 use crate::sky::{ClockComparison, Observer};
@@ -42,10 +42,14 @@ pub struct State {
     pub rests: Option<OrderNumber>,
     /// What the autofocus is at.
     pub autofocus: Arc<AutofocusStatus>,
+    /// What the last run of it saw.
+    pub focus_curves: Arc<[CurvePoint]>,
     /// The frame that is being solved.
     pub solving: Option<ImageCounter>,
     /// The last frame that ended in an outcome; one that was only skipped is counted and not shown here.
     pub latest: Option<Arc<Finished>>,
+    /// When the last frame that was solved was captured.
+    pub last_solved: Option<Instant>,
     /// The newest exposure that is on a disk: its image, and its place in its series.
     pub newest_kept: Option<(ImageCounter, u8)>,
     /// How the gondola turned during the last images.
@@ -304,8 +308,10 @@ impl State {
             lens_requests: BTreeMap::new(),
             rests: None,
             autofocus: Arc::new(Autofocus::new(AutofocusRules::new(&settings.focus)).status(Tick::ZERO)),
+            focus_curves: Arc::default(),
             solving: None,
             latest: None,
+            last_solved: None,
             newest_kept: None,
             motions: Motions::default(),
             peers: Vec::new(),

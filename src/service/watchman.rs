@@ -3,6 +3,7 @@
 use super::archive::{self, Images};
 use super::camera::{self, CameraActor, MakeSource};
 use super::clock::Clock;
+use super::display::{Page, PageSocket, Site};
 use super::housekeeping::{self, Housekeeper};
 use super::hub;
 use super::inbox;
@@ -20,6 +21,7 @@ use super::store::{Store, StoreRules};
 use super::supervisor::{Backoff, Ended, Watched, supervise};
 use super::{Pulses, Stage};
 use crate::command::UNDER_WAY;
+use crate::image::Frame;
 use crate::lens::Rules;
 use crate::settings::Settings;
 use std::path::Path;
@@ -146,11 +148,17 @@ impl Watchman {
     }
 
     /// Keeps the solver running.
-    pub fn keep_solver(&self, stage: &Stage, make: MakeSolver, abort: watch::Receiver<u32>) -> solver::Handle {
+    pub fn keep_solver(
+        &self,
+        stage: &Stage,
+        make: MakeSolver,
+        abort: watch::Receiver<u32>,
+        shown: watch::Sender<Option<Arc<Frame>>>,
+    ) -> solver::Handle {
         let (to_solver, inbox) = inbox::channel(SOLVER_INBOX);
         let (hub, state, stop) = (self.hub.clone(), self.state.clone(), stage.stop.clone());
-        let left_behind = LeftBehind::default();
-        let actor = SolverActor { inbox, hub, make, open: Arc::default(), state, abort, left_behind, stop };
+        let (left_behind, shown) = (LeftBehind::default(), Arc::new(shown));
+        let actor = SolverActor { inbox, hub, make, open: Arc::default(), state, abort, left_behind, shown, stop };
         self.keep(stage, Actor::Solver, move |pulse| actor.clone().run(pulse));
         to_solver
     }
@@ -193,6 +201,16 @@ impl Watchman {
             stop: stage.stop.clone(),
         };
         self.keep(stage, Actor::Housekeeping, move |pulse| actor.clone().run(pulse));
+    }
+
+    /// Keeps the display running; gives the page, and where frames are shown.
+    pub fn keep_display(&self, stage: &Stage, socket: PageSocket) -> (Page, watch::Sender<Option<Arc<Frame>>>) {
+        let (shown, frames) = watch::channel(None);
+        let site = Site::new(&self.settings, self.state.clone(), frames, self.clock, stage.stop.clone());
+        let page = Page::new(site, socket, stage.tracker.clone());
+        let actor = page.clone();
+        self.keep(stage, Actor::Display, move |pulse| actor.clone().run(pulse));
+        (page, shown)
     }
 
     /// Lets flight computers in.

@@ -627,8 +627,52 @@ pub struct CommandSettings {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DisplaySettings {
-    /// Address and port of the page; nothing listens there yet.
+    /// Address and port of the page.
     pub listen: String,
+    /// Connections that are served at a time.
+    pub max_clients: u32,
+    /// Frames whose outcomes can be looked back at.
+    pub history_frames: u32,
+    /// Memory for their pixels, MiB.
+    pub history_mib: u32,
+    /// Times per second that the state goes to browsers, at most, Hz.
+    pub rate_hz: f64,
+    /// Give the whole screen to image and panels.
+    pub full_screen: bool,
+    /// Show the image alone.
+    pub image_only: bool,
+    /// Show the requirements.
+    pub show_requirements: bool,
+    /// Brightness of the image.
+    pub brightness: f64,
+    /// Centre of what is magnified, px from the left of a display of 640 × 480.
+    pub zoom_x_px: u32,
+    /// The same from the bottom, px.
+    pub zoom_y_px: u32,
+    /// Magnification.
+    pub zoom: f64,
+    /// When the autofocus is shown: `auto`, `on`, `off`.
+    pub focus_panel: FocusPanel,
+    /// The last solution is yellow when it is older, s.
+    pub solution_age_yellow_s: f64,
+    /// The last solution is red when it is older, s.
+    pub solution_age_red_s: f64,
+    /// The disk is yellow when it will be full sooner, d.
+    pub disk_yellow_d: f64,
+    /// The disk is red when it will be full sooner, d.
+    pub disk_red_d: f64,
+}
+
+/// When the autofocus is shown instead of the image's figures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FocusPanel {
+    /// While it runs, and for a while after.
+    Auto,
+    /// Always.
+    On,
+    /// Never.
+    Off,
 }
 
 /// Section `[record]`.
@@ -683,6 +727,8 @@ pub struct HousekeepingSettings {
     pub command_timeout_s: f64,
     /// Less free space than this on the disk of the records is an alarm, GiB.
     pub disk_low_gib: f64,
+    /// Less free space is red on the display, GiB.
+    pub disk_red_gib: f64,
     /// The lens.
     pub temperature_lens: TemperatureSettings,
     /// The computer.
@@ -699,7 +745,7 @@ pub struct HousekeepingSettings {
     pub pressure: PressureSettings,
 }
 
-/// A temperature: where it comes from and its yellow limits.
+/// A temperature: where it comes from and its yellow and red limits.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TemperatureSettings {
@@ -709,9 +755,13 @@ pub struct TemperatureSettings {
     pub low_c: f64,
     /// Above this it is an alarm, °C.
     pub high_c: f64,
+    /// Below this the display is red, °C.
+    pub red_low_c: f64,
+    /// Above this the display is red, °C.
+    pub red_high_c: f64,
 }
 
-/// A pressure: where it comes from and its yellow limits.
+/// A pressure: where it comes from and its yellow and red limits.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PressureSettings {
@@ -721,6 +771,10 @@ pub struct PressureSettings {
     pub low_atm: f64,
     /// Above this it is an alarm, atm.
     pub high_atm: f64,
+    /// Below this the display is red, atm.
+    pub red_low_atm: f64,
+    /// Above this the display is red, atm.
+    pub red_high_atm: f64,
 }
 
 /// Section `[service]`.

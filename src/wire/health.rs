@@ -21,6 +21,7 @@ pub enum Actor {
     Housekeeping,
     LegacyListener,
     Archive,
+    Display,
 }
 
 codes!(Actor {
@@ -35,6 +36,7 @@ codes!(Actor {
     9 Housekeeping "housekeeping",
     10 LegacyListener "legacy_listener",
     11 Archive "archive",
+    12 Display "display",
 });
 
 /// How the last run of the service ended.

@@ -13,6 +13,7 @@
 mod actors;
 mod commands;
 mod disk;
+mod display;
 mod housekeeping;
 mod images;
 mod motion;

@@ -176,6 +176,7 @@ fn the_demonstration_shows_solutions_beside_the_truth_and_ends_well() {
     let shown = run(&["demo", "--images", "2", "--duration", "100s", "--set", "camera.period_s=1"]);
     let lines = text(&shown.stdout);
     assert_eq!(shown.status.code(), Some(0), "{lines}{}", text(&shown.stderr));
+    assert!(lines.contains("the page: http://127.0.0.1:"), "{lines}");
     assert_eq!(lines.lines().filter(|line| line.contains("truth") && line.contains("covered")).count(), 2, "{lines}");
     assert!(lines.contains("0 wrong"), "{lines}");
 }
@@ -184,7 +185,8 @@ fn the_demonstration_shows_solutions_beside_the_truth_and_ends_well() {
 fn the_self_test_says_ready_or_why_not() {
     let disk = tempfile::tempdir().unwrap();
     let records = format!("record.directory={}", disk.path().join("records").display());
-    let ready = run(&["selftest", "--set", "network.listen=127.0.0.1:0", "--set", &records]);
+    let ready =
+        run(&["selftest", "--set", "network.listen=127.0.0.1:0", "--set", "display.listen=127.0.0.1:0", "--set", &records]);
     let said = text(&ready.stdout);
     assert_eq!(ready.status.code(), Some(0), "{said}");
     assert!(said.ends_with("ready\n") && said.contains("simulated"), "{said}");

@@ -1,14 +1,16 @@
 //! Housekeeping: temperatures, pressure and disk, each read from its sensor, with its age and limits.
 //!
-//! `sensor` has what is read and how, `actor` reads all of them side by side and tells the hub, `trend` says when the disk is full, and
-//! `telemetry` puts it into an update. Here is what the others hold on to: the quantities and what was measured.
+//! `sensor` has what is read and how, `actor` reads all of them side by side and tells the hub, `trend` says when the disk is full,
+//! `telemetry` puts it into an update, and `gauges` on the display. Here is what the others hold on to: the quantities and what was measured.
 
 mod actor;
+mod gauges;
 mod sensor;
 mod telemetry;
 mod trend;
 
 pub use actor::Housekeeper;
+pub use gauges::gauges;
 pub use sensor::{Sensor, SensorError, sensors};
 pub use telemetry::{health, housekeeping};
 
@@ -57,11 +59,12 @@ pub struct Measurements {
     pub disk_days_left: Option<f64>,
 }
 
-/// Where the values of a quantity come from, and its yellow limits.
+/// Where the values of a quantity come from, and its yellow and red limits.
 struct Rule<'a> {
     source: &'a SensorSource,
     low: f64,
     high: f64,
+    red: (f64, f64),
 }
 
 impl Quantity {
@@ -102,7 +105,8 @@ impl Quantity {
 
     fn rule(self, settings: &Settings) -> Rule<'_> {
         fn temperature(settings: &TemperatureSettings) -> Rule<'_> {
-            Rule { source: &settings.source, low: settings.low_c, high: settings.high_c }
+            let red = (settings.red_low_c, settings.red_high_c);
+            Rule { source: &settings.source, low: settings.low_c, high: settings.high_c, red }
         }
         let house = &settings.housekeeping;
         match self {
@@ -114,10 +118,14 @@ impl Quantity {
             Self::TemperatureFlange => temperature(&house.temperature_flange),
             Self::Pressure => {
                 let pressure = &house.pressure;
-                Rule { source: &pressure.source, low: pressure.low_atm, high: pressure.high_atm }
+                let red = (pressure.red_low_atm, pressure.red_high_atm);
+                Rule { source: &pressure.source, low: pressure.low_atm, high: pressure.high_atm, red }
             }
             // Always the disk itself.
-            Self::DiskFree => Rule { source: &SensorSource::None, low: house.disk_low_gib, high: f64::INFINITY },
+            Self::DiskFree => {
+                let red = (house.disk_red_gib, f64::INFINITY);
+                Rule { source: &SensorSource::None, low: house.disk_low_gib, high: f64::INFINITY, red }
+            }
         }
     }
 
