@@ -199,7 +199,7 @@ def project(truth, star, report, geometry):
 
 
 def lit(browser, places):
-    """The highest red, green and blue of the overlay within some px of each place of the picture."""
+    """The colours of the overlay within some px of where the left side of a square about each place of the picture would be."""
     return browser.run(
         """
         const [places, near, half] = arguments;
@@ -207,11 +207,10 @@ def lit(browser, places):
         const context = canvas.getContext("2d");
         return places.map(([x, y]) => {
           const [left, top] = stars.picture.toCanvas(x, y);
-          // The middle of the square's left side, and as far to either side as it may be off.
-          const data = context.getImageData(Math.round(left - half) - near, Math.round(top) - 1, 2 * near + 1, 3).data;
-          let best = [0, 0, 0, 0];
-          for (let i = 0; i < data.length; i += 4) if (data[i + 3] > best[3]) best = [...data.slice(i, i + 4)];
-          return best;
+          const data = context.getImageData(Math.round(left - half) - near, Math.round(top) - near, 2 * near + 1, 2 * near + 1).data;
+          const found = [];
+          for (let i = 0; i < data.length; i += 4) if (data[i + 3] > 100) found.push([...data.slice(i, i + 3)]);
+          return found;
         });
         """,
         places,
@@ -238,8 +237,8 @@ def check_overlay(verdict, browser, service):
     off = [math.dist((source["x"], source["y"]), place) for (source, _), place in zip(matched, expected)]
     verdict(f"{len(matched)} stars within {NEAR_PX} px of the truth", f"the furthest {max(off):.2f} px", max(off) <= NEAR_PX)
     colours = lit(browser, expected)
-    red = [source["fate"] == "matched" and colour[0] > 200 and colour[2] < 130 and colour[3] > 100 for (source, _), colour in zip(matched, colours)]
-    yellow = [source["fate"] == "brightest" and min(colour[:2]) > 180 and colour[2] < 130 for (source, _), colour in zip(matched, colours)]
+    red = [source["fate"] == "matched" and any(r > 200 and b < 130 and g < 130 for r, g, b in found) for (source, _), found in zip(matched, colours)]
+    yellow = [source["fate"] == "brightest" and any(min(r, g) > 180 and b < 130 for r, g, b in found) for (source, _), found in zip(matched, colours)]
     verdict("red squares there, one of them yellow", f"{sum(red)} red, {sum(yellow)} yellow", sum(red) + sum(yellow) == len(matched) and sum(yellow) == 1)
     width, height = geometry["width"], geometry["height"]
     shown = [(source["x"], source["y"]) for source in view["sources"]]
@@ -252,7 +251,7 @@ def check_overlay(verdict, browser, service):
     ]
     browser.run("stars.picture.set({ triangles: false })")
     blank = lit(browser, free[:40])
-    verdict("nothing drawn where nothing is", f"{sum(colour[3] > 0 for colour in blank)} of {len(blank)}", bool(blank) and not any(colour[3] for colour in blank))
+    verdict("nothing drawn where nothing is", f"{sum(map(bool, blank))} of {len(blank)}", bool(blank) and not any(blank))
     verdict("the matcher's triangles", f"{len(report['triangles'])} of {len(set(corners))} sources", bool(report["triangles"]))
     browser.click("#live")
 
@@ -350,7 +349,10 @@ def check_restart(verdict, browser, service, **values):
 
 def check_unsolved(verdict, browser, stars, scratch, axe):
     """A frame that was not solved says why, and so does each of its sources."""
-    with Service(stars, scratch, simulate__kind="nostars", camera__period_s=2) as service:
+    frames = Path(scratch) / "nostars"
+    subprocess.run([stars, "render", "--kind", "nostars", "--count", "2", "--out", frames], check=True, stdout=subprocess.DEVNULL)
+    sky = {"camera__kind": "directory", "camera__directory": frames, "camera__repeat": "true"}
+    with Service(stars, scratch, camera__period_s=2, **sky) as service:
         service.state(lambda state: state["frame"] is not None and state["solver"] == "ready")
         browser.open(service.url())
         browser.wait("return stars.view && !stars.view.report.solved && stars.view.sources.length > 0", "an unsolved frame is shown")
@@ -362,6 +364,16 @@ def check_unsolved(verdict, browser, stars, scratch, axe):
         verdict("each source with its reason", f"{len(listed)}, the first: {listed[:1]}", [text[: len(w)] for text, w in zip(listed, wanted)] == wanted and len(listed) == len(wanted))
         if axe:
             check_access(verdict, browser, axe, "unsolved")
+    narrow = {"solver__requirements__equatorial_roll__" + key: value for key, value in (("enabled", "true"), ("min_deg", 0.0), ("max_deg", 0.001))}
+    with Service(stars, scratch, camera__period_s=2, **narrow) as service:
+        service.state(lambda state: state["frame"] is not None and state["frame"]["reason"] == "requirement")
+        browser.open(service.url())
+        browser.wait("return stars.view && stars.view.report.reason === 'requirement'", "a refused frame is shown")
+        got = rows(browser)
+        fates = [source["fate"] for source in got["view"]["sources"]]
+        lamp = browser.run("return [...document.querySelectorAll('#requirements tr')].filter((row) => row.cells[1].className === 'red').map((row) => row.cells[0].textContent)")
+        verdict("the requirement that refuses, by its name, in words and as a lamp", f"{got['verdict'][:160]}; red: {lamp}", "equatorial_roll" in got["verdict"] and lamp == ["equatorial roll"])
+        verdict("the best candidate and its stars", f"{fates.count('candidate')} of {len(fates)}", "Best candidate, refused: RA" in got["verdict"] and fates.count("candidate") > 3)
 
 
 def check_screens(verdict, browser, service):

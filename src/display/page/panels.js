@@ -169,7 +169,7 @@ function showLamps(view) {
   rows("requirements", view.lamps.map((lamp) => {
     const [concern, word] = states[lamp.state];
     const limit = lamp.low === null ? `≤ ${lamp.high}` : lamp.high === null ? `≥ ${lamp.low}` : `${lamp.low} to ${lamp.high}`;
-    return [plain(lamp.name), `${lamp.value === null ? word : number(lamp.value, lamp.unit === "sources" ? 0 : 2)} (${limit})`, concern, `${word}; ${lamp.unit}`];
+    return [plain(lamp.name), `${lamp.value === null ? word : number(lamp.value, lamp.unit === "sources" ? 0 : 2)} (${lamp.state === "off" && lamp.value !== null ? "off, " : ""}${limit})`, concern, `${word}; ${lamp.unit}`];
   }));
 }
 
