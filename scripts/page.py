@@ -335,6 +335,34 @@ def check_commands(verdict, browser, service):
     verdict("service.known_good takes all back", f"done: {done}", done)
 
 
+def check_focus(verdict, browser, stars, scratch):
+    """A search for the best focus shows itself: both kinds of curves, the fit, and where it ends."""
+    best = 2950
+    values = {"camera__period_s": 0.25, "simulate__best_focus_counts": best, "lens__simulated__speedup": 20}
+    with Service(stars, scratch, **values) as service:
+        service.state(lambda state: state["counters"]["frames_solved"] > 2 and state["lens"]["focus_counts"] is not None)
+        browser.open(service.url("?kiosk"))
+        browser.wait("return stars.view !== null", "a frame is shown")
+        call = [stars, "fcp", "--connect", service.network, "--id", "1", "--in-charge"]
+        given = subprocess.Popen(call + ["--send", "arm focus.run", "--send", "fire focus.run"], stdout=subprocess.DEVNULL)
+        browser.wait("return !document.getElementById('focus').hidden && stars.state.focus.points.length > 20", "curves are shown", 180)
+        done = given.wait(timeout=300) == 0
+        browser.wait("return stars.state.focus.mode === 'grace' && stars.state.focus.best_counts !== null", "the search has ended", 30)
+        time.sleep(1.0)
+        got = browser.run(
+            """
+            const canvas = document.getElementById("curves");
+            const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+            const near = (r, g, b) => { let n = 0; for (let i = 0; i < data.length; i += 4) if (Math.abs(data[i] - r) + Math.abs(data[i + 1] - g) + Math.abs(data[i + 2] - b) < 60) n += 1; return n; };
+            return { focus: stars.state.focus, stars: near(255, 138, 128), brightest: near(110, 180, 255), fit: near(111, 220, 140), arrow: near(255, 123, 229) };
+            """
+        )
+        focus = got.pop("focus")
+        kinds = {point["star"] is None for point in focus["points"]}
+        verdict("curves of stars and of the brightest source, the fit and the best focus drawn", f"{got}, kinds: {len(kinds)}", min(got.values()) > 20 and kinds == {True, False})
+        verdict(f"best focus within 10 counts of {best}", f"{focus['best_counts']:.1f} ± {focus['sigma_best_counts']:.1f}, done: {done}", done and abs(focus["best_counts"] - best) < 10)
+
+
 def check_restart(verdict, browser, service, **values):
     """A page stays open over a restart of the service, says meanwhile that it is old, and goes on."""
     browser.open(service.url())
@@ -441,6 +469,7 @@ def test(stars, scratch, axe=None):
             check_restart(verdict, browser, service)
             note()
         check_unsolved(verdict, browser, stars, scratch, axe)
+        check_focus(verdict, browser, stars, scratch)
         note()
         check_quiet(verdict, browser, told, requests, ("http://127.0.0.1:", "data:", "blob:", "file:"))
     return verdict.failed

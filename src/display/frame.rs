@@ -94,6 +94,8 @@ pub struct MaskView {
 pub struct FrameView {
     /// Its outcome.
     pub report: Report,
+    /// Whether its pixels can still be had.
+    pub pixels: bool,
     /// Its size, where it was looked at.
     pub geometry: Option<Geometry>,
     /// Its sources, brightest first, as the report has them.
@@ -115,6 +117,7 @@ impl FrameView {
         let shown = outcome.solution.as_ref().or(outcome.candidate.as_ref());
         Self {
             report: report.clone(),
+            pixels: geometry.is_some(),
             geometry,
             sources: fates,
             compass: geometry.zip(outcome.solution.as_ref()).and_then(|(geometry, solution)| compass(&geometry, solution)),

@@ -83,17 +83,16 @@ async fn state_where(address: SocketAddr, holds: impl Fn(&Value) -> bool) -> Val
 
 /// The images of the events that have come by now, or until `enough` did.
 async fn images(stream: &mut DuplexStream, enough: usize) -> Vec<u64> {
-    let (mut text, mut images) = (String::new(), Vec::new());
+    let (mut text, mut images) = (Vec::new(), Vec::new());
     let mut bytes = vec![0; 4096];
     while images.len() < enough {
         let Ok(Ok(count @ 1..)) = timeout(Duration::from_secs(5), stream.read(&mut bytes)).await else { break };
-        text.push_str(std::str::from_utf8(&bytes[..count]).unwrap());
-        while let Some((event, rest)) = text.split_once("\n\n") {
-            if let Some((_, json)) = event.split_once("data: ") {
-                let state: Value = serde_json::from_str(json.lines().next().unwrap()).unwrap();
-                images.extend(state["frame"]["image"].as_u64());
-            }
-            text = rest.to_owned();
+        text.extend_from_slice(&bytes[..count]);
+        while let Some(end) = text.windows(2).position(|window| window == b"\n\n") {
+            let event = String::from_utf8(text.drain(..end + 2).collect()).unwrap();
+            let json = event.lines().find_map(|line| line.strip_prefix("data: "));
+            let state: Value = serde_json::from_str(json.expect("an event without a state")).unwrap();
+            images.extend(state["frame"]["image"].as_u64());
         }
     }
     images
@@ -288,4 +287,25 @@ async fn an_address_that_another_program_has_is_taken_once_it_is_free_and_the_se
     timeout(PATIENCE, appears).await.expect("it is not taken");
     assert_eq!(get(address, "/healthz").await.status, 200);
     assert!(running.state.borrow().restarts.is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_terminal_shows_the_state_as_a_page_or_as_ten_lines_and_says_where_nobody_answers() {
+    let running = with_page(settings(), plain()).await;
+    let address = running.page.address().unwrap();
+    state_where(address, |state| !state["frame"].is_null()).await;
+    let watch = |arguments: Vec<String>| async {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_stars"));
+        command.args(["watch", "--once"]).args(arguments);
+        tokio::task::spawn_blocking(move || command.output().unwrap()).await.unwrap()
+    };
+    let page = watch(vec!["--connect".to_owned(), address.to_string()]).await;
+    let said = String::from_utf8(page.stdout).unwrap();
+    assert!(page.status.success() && said.contains("no_match") && said.contains("Only flight computers command"), "{said}");
+    let ten = watch(vec!["--ten".to_owned(), "--connect".to_owned(), address.to_string()]).await;
+    assert_eq!(String::from_utf8(ten.stdout).unwrap().lines().count(), 10);
+    running.stop().await;
+    let nobody = watch(vec!["--connect".to_owned(), address.to_string()]).await;
+    let said = String::from_utf8(nobody.stderr).unwrap();
+    assert!(nobody.status.code() == Some(1) && said.contains("no service answers there"), "{said}");
 }

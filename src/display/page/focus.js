@@ -38,14 +38,17 @@ function drawCurves(canvas, focus) {
   focus.points.forEach((point) => curves.set(point.star, [...(curves.get(point.star) || []), point]));
   for (const [star, points] of [...curves].sort(([a], [b]) => (a === null) - (b === null))) {
     const most = Math.max(...points.map((point) => point.peak_adu), 1e-9);
-    const sorted = [...points].sort((a, b) => a.counts - b.counts);
+    // Images at one place show one height: their mean.
+    const at = new Map();
+    points.forEach((point) => at.set(point.counts, [...(at.get(point.counts) || []), point.peak_adu]));
+    const sorted = [...at].sort(([a], [b]) => a - b).map(([counts, peaks]) => ({ counts, peak_adu: peaks.reduce((sum, peak) => sum + peak, 0) / peaks.length }));
     context.strokeStyle = star === null ? "#6eb4ff" : "#ff8a80";
     context.lineWidth = star === null ? 3 : 1;
     line(context, sorted.map((point) => [x(point.counts), y(Math.max(0, point.peak_adu / most))]));
   }
   context.lineWidth = 1.5;
   if (focus.best_counts !== null && focus.width_counts > 0) {
-    // The fitted shape: a star's peak by its distance from best focus, 1/(1 + (d/w)²)-like to 63 % at the width.
+    // The fitted shape: a Gaussian that has fallen to 63 % at the width.
     context.strokeStyle = "#6fdc8c";
     const fit = Array.from({ length: 81 }, (_, i) => {
       const at = low + ((far - low) * i) / 80;

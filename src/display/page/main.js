@@ -17,13 +17,20 @@ let lookingAt = null; // a frame of the strip that is looked back at
 let loading = false;
 let next = null; // what to load when the load that is under way is done
 
-async function fetchFrame(image) {
-  const answer = await fetch(`frame.json?image=${image}`);
+let step = 1; // of the pixels of the last frame: those of the next are asked for with it, before its size is known
+
+// `ready`: its pixels are known to be there, and need not wait for what else there is.
+async function fetchFrame(image, ready) {
+  const ask = () => fetch(`frame.raw?image=${image}&step=${step}`);
+  const [answer, first] = await Promise.all([fetch(`frame.json?image=${image}`), ready ? ask() : null]);
   if (!answer.ok) return null;
   const view = await answer.json();
-  const step = view.geometry ? Math.max(1, Math.ceil(view.geometry.width / MOST_COLUMNS)) : 1;
-  const pixels = view.geometry ? await fetch(`frame.raw?image=${image}&step=${step}`) : null;
-  if (!pixels || !pixels.ok) return { view, raw: null };
+  const wanted = view.geometry ? Math.max(1, Math.ceil(view.geometry.width / MOST_COLUMNS)) : step;
+  const again = wanted !== step || !first;
+  step = wanted;
+  if (!view.geometry || !view.pixels) return { view, raw: null };
+  const pixels = again ? await ask() : first;
+  if (!pixels.ok) return { view, raw: null };
   const head = (name) => pixels.headers.get(`x-stars-${name}`);
   return {
     view,
@@ -39,7 +46,7 @@ async function load(image, told) {
   }
   loading = true;
   try {
-    const got = await fetchFrame(image);
+    const got = await fetchFrame(image, told !== null && told.pixels);
     if (got && (lookingAt === null || lookingAt === image)) {
       picture.show(got.view, got.raw);
       stars.view = got.view;
@@ -109,7 +116,7 @@ function takeFrame(frame, at) {
   stars.newest = newest;
   put($("passed"), stars.passedOver);
   note(frame.image, frame.solved);
-  if (lookingAt === null) load(frame.image, { ageMs: frame.age_s * 1000, at });
+  if (lookingAt === null) load(frame.image, { ageMs: frame.age_s * 1000, at, pixels: frame.pixels });
 }
 
 let filling = null;
@@ -165,7 +172,7 @@ function connect() {
   const events = new EventSource("events");
   events.addEventListener("state", (event) => takeState(JSON.parse(event.data), performance.now()));
   events.onerror = () => {
-    put($("connection"), "no connection: what is shown is old");
+    put($("connection"), "no connection: this is old");
     $("connection").className = "red";
     if (events.readyState === EventSource.CLOSED) {
       events.close();

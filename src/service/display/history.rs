@@ -122,6 +122,7 @@ impl History {
     pub fn view(&self, image: Option<u32>, settings: &Settings) -> Option<FrameView> {
         let past = self.get(image)?;
         let mut view = past.view(settings);
+        view.pixels = past.frame.is_some();
         if self.frames.back().is_some_and(|last| last.image() == past.image())
             && let Some(geometry) = &view.geometry
         {
@@ -197,6 +198,7 @@ mod tests {
         for image in 0..4 {
             history.take(&ended(image), Some(&pixels(image, 512)), &settings());
         }
+        assert_eq!([0, 3].map(|image| history.view(Some(image), &settings()).unwrap().pixels), [false, true]);
         let there = |history: &History| history.strip().0.iter().map(|entry| entry.pixels).collect::<Vec<_>>();
         assert_eq!(there(&history), [false, false, true, true]);
         history.take(&ended(4), Some(&pixels(4, 2048)), &settings());
