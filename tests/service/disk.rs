@@ -75,7 +75,8 @@ async fn every_frame_told_as_kept_is_whole_and_the_log_complete_while_the_disk_f
     settings.service.restart_delay_s = 0.01;
     settings.service.restart_delay_max_s = 0.05;
     (settings.record.enabled, settings.record.images) = (true, true);
-    (settings.record.reserve_gib, settings.record.images_limit_gib) = (0.0005, 0.001);
+    // Room for some ninety images: fewer than even a slow disk keeps of them.
+    (settings.record.reserve_gib, settings.record.images_limit_gib) = (0.0005, 0.0005);
     (settings.record.queue_frames, settings.record.queue_images) = (4096, 64);
     settings.record.directory = record.display().to_string();
     let allowed = Arc::new(AtomicU32::new(0));
