@@ -100,6 +100,8 @@ async fn the_python_package_reads_a_thousand_outcomes_as_the_service_had_them_an
     let (reports, allowed) = (Arc::new(Mutex::new(Vec::new())), Arc::new(AtomicU32::new(1)));
     let mut settings = settings();
     (settings.camera.period_s, settings.record.enabled) = (0.001, true);
+    // None may be lost to a disk that is slow.
+    settings.record.queue_frames = 2 * FRAMES;
     settings.record.directory = directory.path().display().to_string();
     let (notes, camera) = (Arc::clone(&reports), camera_of(&allowed));
     let solver: MakeSolver =
