@@ -188,7 +188,7 @@ mod tests {
         assert!(old.exposures.iter().zip(&native.exposures).all(|(a, b)| close(a.0, b.0) && close(a.1, b.1)));
         // Up to the last rate: what comes after it holds, or is the next one.
         for moment in 0..43 {
-            let apart = (old.turn_at(f64::from(moment) * 0.01) - native.turn_at(f64::from(moment) * 0.01)).norm();
+            let apart = (old.track().turn_at(f64::from(moment) * 0.01) - native.track().turn_at(f64::from(moment) * 0.01)).norm();
             assert!(apart < 0.001 * ARCSEC, "{} arcsec", apart / ARCSEC);
         }
         assert!(judge_legacy(None, &state).unwrap_err().contains("no exposure"));

@@ -5,9 +5,9 @@ use super::light::{LightFit, SEEN_PX, fit_by_light};
 use super::refine::{moved, refine, solution_of};
 use super::requirements::{self, Refusal};
 use super::served::{horizontal, served};
-use super::solver::{Context, Solver};
+use super::solver::{Context, Solver, most_tried};
 use super::verify::{Hypothesis, PatternSource};
-use super::{Cause, FoundBy, Outcome, Reason, SeriesStart, Solution, SourceReport};
+use super::{Cause, FoundBy, Outcome, Reason, Solution, SourceReport};
 use crate::sky::{DEG, Mat3, RowOrder, Vec3};
 
 /// Whole stars lie no further than this from the fit, rms per axis, samples of the picture that they were measured in.
@@ -79,7 +79,7 @@ impl Solver {
         let (field, geometry) = (context.field, &context.geometry);
         let (mut fit, mut matches) = refine(all, &found.pose, &found.matches, field, &self.catalogue, geometry, years)?;
         let mut all = all.to_vec();
-        let tried = all.len().min(self.settings().solver.sources.max_sources as usize);
+        let tried = all.len().min(most_tried(&self.settings().solver, context));
         // Light that was seen to be in pieces has those within its reach in it already; what was taken for whole stars has none.
         let copy_px = nearest_copy(&all, &matches, 0.0);
         let far_copy_px = copy_px.and_then(|_| nearest_copy(&all, &matches, SEEN_PX));
@@ -87,7 +87,7 @@ impl Solver {
         let mut counted = 0.0;
         // Stars that are there again, moved: which of the pieces is the middle one nobody knows.
         // Along their trails stars are whole.
-        let light = match context.motion {
+        let light = match context.along {
             Some(_) => LightFit::AsFound { doubt_px: 0.0 },
             None => fit_by_light(self, context, &fit, &matches, &mut all, tried, years),
         };
@@ -123,16 +123,8 @@ impl Solver {
         let known = solution.covariance.diagonal() * counted;
         let more = Vec3::new(variance - known.x, variance - known.y, 0.0).map(|v| v.max(0.0));
         solution.covariance += Mat3::from_diagonal(&more);
-        if let Some(motion) = context.motion {
-            let variance = motion.variance_of_middle();
-            // What of the motion the gyros did not tell shows in how far stars lie off.
-            solution.covariance *= solution.chi2_per_dof.max(1.0);
-            solution.covariance += Mat3::from_diagonal(&Vec3::new(variance, variance, 0.0));
-            solution.start = Some(SeriesStart {
-                attitude: solution.attitude.turned(&-motion.turn_to_middle()),
-                before_middle_s: motion.start_to_middle_s(),
-                variance: motion.variance_to_middle(),
-            });
+        if let Some(along) = &context.along {
+            along.add_errors(context, &mut solution);
         }
         Some(solution)
     }

@@ -12,6 +12,7 @@ mod conclude;
 mod copies;
 mod diagnose;
 mod fit;
+mod in_common;
 mod joint;
 mod light;
 mod motion;
@@ -34,7 +35,7 @@ pub use along::Moved;
 pub use cause::Blur;
 pub use fit::{FitPrior, Pair, Pose};
 pub use joint::{Joint, View, fit_together};
-pub use motion::{Motion, MotionError};
+pub use motion::{Motion, MotionError, Track};
 pub use near::{NearRules, NearSearch};
 pub use outcome::{
     Cause, FoundBy, HorizontalSolution, Match, Outcome, Prior, Reason, SearchMode, SeriesStart, Solution, SourceReport,

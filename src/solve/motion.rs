@@ -2,8 +2,8 @@
 //! (stars-paper, "Solving - Motion PSF").
 
 use crate::sky::{CameraModel, Vec3};
-use crate::sources::Trail;
-use nalgebra::Rotation3;
+use crate::sources::{Stretch, Trail};
+use nalgebra::{Matrix2, Rotation3, Vector2};
 use std::f64::consts::FRAC_PI_2;
 
 /// Steps along a trail: a third of a pixel is far below a star's width, px.
@@ -12,9 +12,8 @@ const STEP_PX: f64 = 1.0 / 3.0;
 const MOST_STEPS: f64 = 2000.0;
 /// Furthest that a star may go from where it was at the start, px: beyond it hardly a trail is whole on a picture.
 const FURTHEST_PX: f64 = 256.0;
-/// Error of the middle per axis that is not explained, fraction of the turn from the start to it. (Trials: without noise of the gyros 6″ of
-/// 870″ at most.)
-const UNEXPLAINED: f64 = 0.005;
+/// Longest trail of a single exposure, px: a star's light is spread so thin by then that none is seen.
+const LONGEST_PX: f64 = 100.0;
 /// Exposures of a series at most.
 const MOST_EXPOSURES: usize = crate::image::MAX_PARTS;
 
@@ -55,6 +54,9 @@ pub enum MotionError {
     /// Stars move too far.
     #[error("stars move {0:.0} px, at most {FURTHEST_PX:.0} are followed")]
     TooFar(f64),
+    /// The trail of one exposure is too long.
+    #[error("stars move {0:.0} px in one exposure, at most {LONGEST_PX:.0} are followed")]
+    TooLong(f64),
 }
 
 impl Motion {
@@ -85,30 +87,25 @@ impl Motion {
         }
     }
 
-    /// The camera's turn about (left, up, boresight) from the start of the first exposure to a time, rad: in elevation about the level
-    /// axis, and in azimuth about the vertical, which does not turn with it.
-    pub fn turn_at(&self, time_s: f64) -> Vec3 {
-        let start = self.exposures.first().map_or(0.0, |exposure| exposure.0);
-        let since = |part: fn(&(f64, f64)) -> f64| self.integral(time_s, part) - self.integral(start, part);
-        let (az, el) = (since(|rate| rate.0), since(|rate| rate.1));
+    /// The track, summed up.
+    pub fn track(&self) -> Track<'_> {
+        let mut turned = Vec::with_capacity(self.rates.len());
+        let mut sum = (0.0, 0.0);
+        let step = 0.5 / self.sample_rate_hz;
+        for (i, rate) in self.rates.iter().enumerate() {
+            if let Some(before) = i.checked_sub(1).and_then(|before| self.rates.get(before)) {
+                sum = (sum.0 + step * (before.0 + rate.0), sum.1 + step * (before.1 + rate.1));
+            }
+            turned.push(sum);
+        }
         let (sin_roll, cos_roll) = (libm::sin(self.roll), libm::cos(self.roll));
         // The zenith's part in the picture's plane, and the horizontal left, on the picture's own axes.
         let upright = Vec3::new(sin_roll, cos_roll, 0.0);
         let level = Vec3::new(cos_roll, -sin_roll, 0.0);
         let zenith = upright * libm::cos(self.elevation) + Vec3::z() * libm::sin(self.elevation);
-        (Rotation3::new(-zenith * az) * Rotation3::new(-level * el)).scaled_axis()
-    }
-
-    /// The mean of it over the series' light: where its middle is.
-    pub fn turn_to_middle(&self) -> Vec3 {
-        /// Moments of an exposure.
-        const MOMENTS: u32 = 32;
-        let light: f64 = self.exposures.iter().map(|(_, length)| length).sum();
-        let of_exposure = |&(start, length): &(f64, f64)| {
-            let moment = |i: u32| start + length * (f64::from(i) + 0.5) / f64::from(MOMENTS);
-            (0..MOMENTS).map(|i| self.turn_at(moment(i))).sum::<Vec3>() * (length / light / f64::from(MOMENTS))
-        };
-        self.exposures.iter().map(of_exposure).sum()
+        let mut track = Track { motion: self, turned, zenith, level, start: (0.0, 0.0) };
+        track.start = track.turned_at(self.exposures.first().map_or(0.0, |exposure| exposure.0));
+        track
     }
 
     /// From the start of the first exposure to the middle of the series' light, s.
@@ -116,11 +113,12 @@ impl Motion {
         self.middle_s() - self.exposures.first().map_or(0.0, |exposure| exposure.0)
     }
 
-    /// Variance per axis, rad², of where the fitted trails put the middle, besides what the photons make. The gyros' drift: along its way a
-    /// trail is placed by its ends, so that it is that of a random walk's ends against its mean, a twelfth of what it comes to by the end.
-    /// And what long trails are off by that nothing here explains.
-    pub fn variance_of_middle(&self) -> f64 {
-        self.variance_to_middle() / 4.0 + (UNEXPLAINED * self.turn_to_middle().norm()).powi(2)
+    /// Covariance of what the gyros' drift makes of the place of a star in a second, along left and up, rad²/s: in azimuth it is seen smaller
+    /// the higher the camera looks.
+    pub fn walk(&self) -> Matrix2<f64> {
+        let (sin_roll, cos_roll) = (libm::sin(self.roll), libm::cos(self.roll));
+        let (level, upright) = (Vector2::new(cos_roll, -sin_roll) * libm::cos(self.elevation), Vector2::new(sin_roll, cos_roll));
+        (level * level.transpose() + upright * upright.transpose()) * (self.drift * self.drift)
     }
 
     /// Variance of the turn from the start to the middle that the gyros' drift makes, per axis, rad²: a third of what it comes to by the end.
@@ -143,9 +141,10 @@ impl Motion {
     /// Where stars go too far.
     pub fn trails(&self, camera: &CameraModel) -> Result<Vec<Trail>, MotionError> {
         let light: f64 = self.exposures.iter().map(|(_, length)| length).sum();
-        let middle = Rotation3::new(self.turn_to_middle());
+        let track = self.track();
+        let middle = Rotation3::new(track.turn_to_middle());
         let mut trails: Vec<Trail> =
-            self.exposures.iter().map(|exposure| self.trail(camera, *exposure, light, &middle)).collect();
+            self.exposures.iter().map(|exposure| self.trail(&track, camera, *exposure, light, &middle)).collect();
         let mean = |part: &dyn Fn(&Trail) -> f64| trails.iter().map(|trail| trail.share * part(trail)).sum::<f64>();
         let mean_place = |axis: fn(&(f64, f64)) -> f64| {
             mean(&|trail| trail.places.iter().map(axis).sum::<f64>() / trail.places.len().max(1) as f64)
@@ -158,16 +157,26 @@ impl Motion {
         // What is no number, of a star that leaves the camera's half of the sky, is too far as well.
         let followed = |(x, y): &(f64, f64)| x.abs() <= FURTHEST_PX && y.abs() <= FURTHEST_PX;
         if trails.iter().all(|trail| trail.places.iter().all(followed)) {
-            return Ok(trails);
+            return match trails.iter().map(Trail::span).fold(0.0, f64::max) {
+                span if span > LONGEST_PX => Err(MotionError::TooLong(span)),
+                _ => Ok(trails),
+            };
         }
         let finite = |px: f64| if px.is_finite() { px } else { f64::INFINITY };
         Err(MotionError::TooFar(trails.iter().map(|trail| finite(trail.reach())).fold(0.0, f64::max)))
     }
 
-    fn trail(&self, camera: &CameraModel, (start, length): (f64, f64), light: f64, middle: &Rotation3<f64>) -> Trail {
+    fn trail(
+        &self,
+        track: &Track<'_>,
+        camera: &CameraModel,
+        (start, length): (f64, f64),
+        light: f64,
+        middle: &Rotation3<f64>,
+    ) -> Trail {
         let origin = camera.position(0.0, 0.0);
         // Where the star that is on the boresight at the middle is seen: the camera's turn, backwards.
-        let since_middle = |time: f64| middle.inverse() * Rotation3::new(self.turn_at(time));
+        let since_middle = |time: f64| middle.inverse() * Rotation3::new(track.turn_at(time));
         let place = |time: f64| {
             let seen = since_middle(time).inverse() * Vec3::z();
             let (x, y) = camera.to_pixel(&seen).unwrap_or((f64::INFINITY, f64::INFINITY));
@@ -189,18 +198,58 @@ impl Motion {
             share: length / light,
             spin,
             sigma_px: self.variance_to_middle().sqrt() / camera.platescale,
+            stretch: Stretch {
+                distortion: camera.k1 / camera.half_diagonal_px().powi(2),
+                flatness: camera.platescale * camera.platescale,
+            },
         }
     }
+}
 
-    /// A rate's integral from the first sample on; between samples it goes on a straight line, after the last one it stays.
-    fn integral(&self, time_s: f64, part: fn(&(f64, f64)) -> f64) -> f64 {
-        let samples = (time_s * self.sample_rate_hz).max(0.0);
-        let whole = samples.floor() as usize;
-        let at = |i: usize| self.rates.get(i).or(self.rates.last()).map_or(0.0, part);
-        let before: f64 = (0..whole).map(|i| 0.5 * (at(i) + at(i + 1))).sum();
+/// How the camera turned, from the start of the first exposure on.
+#[derive(Debug, Clone)]
+pub struct Track<'a> {
+    motion: &'a Motion,
+    /// By each sample, since the first one, azimuth and elevation, rad.
+    turned: Vec<(f64, f64)>,
+    /// Azimuth and elevation by the start, rad.
+    start: (f64, f64),
+    /// The axes of azimuth and elevation, on (left, up, boresight).
+    zenith: Vec3,
+    level: Vec3,
+}
+
+impl Track<'_> {
+    /// The camera's turn about (left, up, boresight) from the start of the first exposure to a time, rad: in elevation about the level
+    /// axis, and in azimuth about the vertical, which does not turn with it.
+    pub fn turn_at(&self, time_s: f64) -> Vec3 {
+        let (az, el) = self.turned_at(time_s);
+        let (az, el) = (az - self.start.0, el - self.start.1);
+        (Rotation3::new(-self.zenith * az) * Rotation3::new(-self.level * el)).scaled_axis()
+    }
+
+    /// The mean of it over the series' light: where its middle is.
+    pub fn turn_to_middle(&self) -> Vec3 {
+        /// Moments of an exposure.
+        const MOMENTS: u32 = 32;
+        let light: f64 = self.motion.exposures.iter().map(|(_, length)| length).sum();
+        let of_exposure = |&(start, length): &(f64, f64)| {
+            let moment = |i: u32| start + length * (f64::from(i) + 0.5) / f64::from(MOMENTS);
+            (0..MOMENTS).map(|i| self.turn_at(moment(i))).sum::<Vec3>() * (length / light / f64::from(MOMENTS))
+        };
+        self.motion.exposures.iter().map(of_exposure).sum()
+    }
+
+    /// Azimuth and elevation by a time since the first sample, rad; between samples rates go on a straight line, after the last one they stay.
+    fn turned_at(&self, time_s: f64) -> (f64, f64) {
+        let samples = (time_s * self.motion.sample_rate_hz).max(0.0);
+        let last = self.turned.len().saturating_sub(1);
+        let whole = (samples.floor() as usize).min(last);
         let rest = samples - whole as f64;
-        let end = at(whole) + rest * (at(whole + 1) - at(whole));
-        (before + rest * 0.5 * (at(whole) + end)) / self.sample_rate_hz
+        let rate = |i: usize| self.motion.rates.get(i.min(last)).copied().unwrap_or((0.0, 0.0));
+        let (here, next, sum) = (rate(whole), rate(whole + 1), self.turned.get(whole).copied().unwrap_or((0.0, 0.0)));
+        let on = |sum: f64, here: f64, next: f64| sum + rest * (here + 0.5 * rest * (next - here)) / self.motion.sample_rate_hz;
+        (on(sum.0, here.0, next.0), on(sum.1, here.1, next.1))
     }
 }
 
@@ -247,14 +296,14 @@ mod tests {
         let motion = steady(az, el);
         let start = looking(1.0, motion.elevation, motion.roll);
         for time in [0.3, 0.5, 1.2] {
-            let turned = start.turned(&motion.turn_at(time));
+            let turned = start.turned(&motion.track().turn_at(time));
             let wanted = looking(1.0 + az * (time - 0.3), motion.elevation + el * (time - 0.3), motion.roll);
             assert!(separation(&turned.boresight(), &wanted.boresight()) < 0.05 * ARCSEC, "{time} s");
             let (.., roll) = turned.angles();
             assert!(wrap_pi(roll - wanted.angles().2).abs() < 1.0 * ARCSEC, "{time} s");
         }
-        let middle = motion.turn_to_middle();
-        assert!((middle - motion.turn_at(0.3 + motion.start_to_middle_s())).norm() < 1.0 * ARCSEC);
+        let middle = motion.track().turn_to_middle();
+        assert!((middle - motion.track().turn_at(0.3 + motion.start_to_middle_s())).norm() < 1.0 * ARCSEC);
         assert!((motion.start_to_middle_s() - 0.215).abs() < 1e-12);
     }
 
@@ -266,13 +315,13 @@ mod tests {
             let trails = motion.trails(&camera).unwrap();
             let start = looking(2.0, motion.elevation, motion.roll);
             let star = start.boresight();
-            let origin = camera.to_pixel(&start.turned(&motion.turn_to_middle()).to_camera(&star)).unwrap();
+            let origin = camera.to_pixel(&start.turned(&motion.track().turn_to_middle()).to_camera(&star)).unwrap();
             for (trail, (begin, length)) in trails.iter().zip(&motion.exposures) {
                 assert!((trail.share - 0.5).abs() < 1e-12);
                 let n = trail.places.len();
                 for (step, place) in trail.places.iter().enumerate() {
                     let time = begin + length * (step as f64 + 0.5) / n as f64;
-                    let seen = camera.to_pixel(&start.turned(&motion.turn_at(time)).to_camera(&star)).unwrap();
+                    let seen = camera.to_pixel(&start.turned(&motion.track().turn_at(time)).to_camera(&star)).unwrap();
                     let off = (seen.0 - origin.0 - place.0).hypot(seen.1 - origin.1 - place.1);
                     assert!(off < 0.05, "{rows:?} {mirrored}: {off} px");
                 }
@@ -284,8 +333,10 @@ mod tests {
     fn rates_that_change_are_integrated() {
         let mut motion = steady(0.0, 0.0);
         motion.rates = (0..201).map(|i| (f64::from(i) / 100.0, 1.0)).collect();
-        assert!((motion.integral(1.505, |rate| rate.0) - 1.505 * 1.505 / 2.0).abs() < 1e-12);
-        assert!((motion.integral(5.0, |rate| rate.1) - 5.0).abs() < 1e-12);
+        let track = motion.track();
+        assert!((track.turned_at(1.505).0 - 1.505 * 1.505 / 2.0).abs() < 1e-12);
+        assert!((track.turned_at(5.0).1 - 5.0).abs() < 1e-12);
+        assert_eq!(Motion { rates: Vec::new(), ..motion }.track().turned_at(1.0), (0.0, 0.0));
     }
 
     #[test]
@@ -307,5 +358,7 @@ mod tests {
         for rate in [9.0, 90.0, 300.0, 1000.0] {
             assert!(matches!(steady(rate * DEG, 0.0).trails(&camera()), Err(MotionError::TooFar(_))), "{rate} deg/s");
         }
+        let one = Motion { exposures: vec![(0.3, 0.12)], ..steady(4.0 * DEG, 0.0) };
+        assert!(matches!(one.trails(&camera()), Err(MotionError::TooLong(_))));
     }
 }

@@ -8,7 +8,7 @@
 
 use super::Stop;
 use super::fit::Pose;
-use super::verify::{FrameGeometry, Hypothesis, PatternSource, verify};
+use super::verify::{FrameGeometry, Hypothesis, PatternSource, beyond_noise, verify};
 use crate::catalog::{Field, FoundTriangle, POINTS, Runs, TriangleQuery, shape};
 use crate::sky::{Attitude, Kernel, Vec3, with_vectors};
 
@@ -125,7 +125,7 @@ impl<'a> PatternSearch<'a> {
             sources,
             geometry,
             rules,
-            need: if sources.len() > FEW_SOURCES { 3 } else { 2 },
+            need: if beyond_noise(sources) > FEW_SOURCES as f64 { 3 } else { 2 },
             best: None,
             tally: SearchTally::default(),
             prepared: Prepared::new(sources, field, geometry),

@@ -99,9 +99,7 @@ fn final_pairs(
     matches
         .iter()
         .filter_map(|m| Some((sources.get(m.source)?, field.stars.stars.get(m.star)?)))
-        .map(|(source, star)| {
-            Pair::round(source.left, source.up, source.sigma.hypot(geometry.floor), moved(star, field, catalogue, years))
-        })
+        .map(|(source, star)| source.pair(moved(star, field, catalogue, years), geometry.floor))
         .collect()
 }
 

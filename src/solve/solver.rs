@@ -1,16 +1,17 @@
 //! The solver: one frame in, one outcome out.
 
+use super::along::Along;
 use super::diagnose::Seen;
-use super::pattern::{PatternSearch, SearchEnd, SearchRules, SearchTally};
+use super::pattern::{MAX_SOURCES, PatternSearch, SearchEnd, SearchRules, SearchTally};
 use super::requirements::{self, Circle};
 use super::track::Region;
 use super::verify::{FrameGeometry, Hypothesis, PatternSource};
-use super::{Cause, FoundBy, Motion, Moved, Outcome, Prior, Reason, SearchMode, SourceReport, Statistics, Stop, Watch};
+use super::{Cause, FoundBy, Moved, Outcome, Prior, Reason, SearchMode, SourceReport, Statistics, Stop, Watch};
 use crate::catalog::{Catalogue, Field, FieldKey};
 use crate::image::{CellStatistics, Frame, LevelMeter, Mask};
-use crate::settings::Settings;
+use crate::settings::{Settings, SolverSettings};
 use crate::sky::{CameraModel, DEG, HOUR, Observer, Vec3};
-use crate::sources::{Finder, Look, SearchKernel, Source};
+use crate::sources::{Finder, Look, SearchKernel, Source, Trailed};
 use std::sync::Arc;
 
 /// Solves frames. Holds the catalogue, the index for one field, and the memory that a frame needs. A clone shares catalogue and
@@ -41,6 +42,8 @@ const WIDE_LISTS: usize = 2;
 /// hard kinds that are solved at all every one is solved with 750 candidates of its sharp list or 400 of a wide one.)
 const SHARP_PART: u64 = 8;
 const WIDE_PART: u64 = 15;
+/// Along trails, which are searched where else nothing is found, so many times the budget.
+const MOTION_TIMES: u64 = 2;
 /// A candidate less unlikely than this to be chance is worth reporting as `undecided`, ln.
 const UNDECIDED_FALSE_LN: f64 = 0.0;
 
@@ -82,8 +85,8 @@ pub(super) struct Context<'a> {
     pub region: Option<Region>,
     /// Scale that the sources were found at.
     pub scale: usize,
-    /// The motion, where sources were found along the trails that it makes.
-    pub motion: Option<&'a Motion>,
+    /// The trails, where sources were found along them.
+    pub along: Option<Along<'a>>,
 }
 
 impl Solver {
@@ -347,7 +350,11 @@ impl Solver {
     /// Puts the sources of the last search into the outcome.
     pub(super) fn report_sources(&self, outcome: &mut Outcome) {
         outcome.sources = self.found.iter().map(report).collect();
-        outcome.sources_tried = self.found.len().min(self.settings.solver.sources.max_sources as usize);
+        outcome.sources_tried = self.found.len().min(if outcome.mode == SearchMode::Motion {
+            MAX_SOURCES
+        } else {
+            self.settings.solver.sources.max_sources as usize
+        });
         if let (Some(statistics), Some((long, short))) = (&mut outcome.statistics, self.finder.psf_axes) {
             /// Full width at half maximum of a Gaussian, in σ.
             const FWHM_PER_SIGMA: f64 = 2.354_820_045;
@@ -373,7 +380,7 @@ impl Solver {
         let observer = self.observer(frame, prior);
         let circles = requirements::expected_circles(&settings.solver.requirements, prior, observer.as_ref(), year);
         let region = Region::of(prior, &circles).filter(|_| settings.solver.tracking.enabled);
-        Context { frame, watch, field, geometry, camera, observer, year, circles, region, scale: 0, motion: None }
+        Context { frame, watch, field, geometry, camera, observer, year, circles, region, scale: 0, along: None }
     }
 
     /// The observer by the settings' order of preference.
@@ -393,17 +400,13 @@ impl Solver {
         let settings = self.settings.clone();
         let settings = &settings.solver;
         let all = self.pattern_sources(context);
-        let tried = all.get(..all.len().min(settings.sources.max_sources as usize)).unwrap_or(&all);
+        let tried = all.get(..all.len().min(most_tried(settings, context))).unwrap_or(&all);
         let inside = |d: &Vec3| context.circles.iter().all(|c| c.contains(d));
         let fraction = context.circles.iter().map(Circle::sky_fraction).fold(1.0, f64::min);
         let rules = SearchRules {
             min_matched: settings.matching.min_matched as usize,
             max_false_ln: settings.matching.max_false_probability_log10 * std::f64::consts::LN_10,
-            budget: u64::from(settings.matching.candidate_budget).div_ceil(if context.scale == 0 {
-                SHARP_PART
-            } else {
-                WIDE_PART
-            }),
+            budget: budget(settings, context),
             region: (!context.circles.is_empty()).then_some((fraction, &inside)),
             region_only: settings.prior_veto && !context.circles.is_empty(),
             stop: &|| context.watch.stop(),
@@ -414,7 +417,7 @@ impl Solver {
         match end {
             SearchEnd::Found(hypothesis) => {
                 let started = context.watch.elapsed();
-                if context.motion.is_none() {
+                if context.along.is_none() {
                     self.finder.complete(&mut self.found);
                 }
                 let sharp = if context.scale > 0 { self.sharpen(context, look, &hypothesis) } else { None };
@@ -472,6 +475,21 @@ impl Solver {
     }
 }
 
+/// Sources that patterns are made of, at most. Where noise is known for what it is, more of them cost nothing but time.
+pub(super) fn most_tried(settings: &SolverSettings, context: &Context<'_>) -> usize {
+    if context.along.is_some() { MAX_SOURCES } else { settings.sources.max_sources as usize }
+}
+
+/// Candidates that may be screened with one list of sources.
+fn budget(settings: &SolverSettings, context: &Context<'_>) -> u64 {
+    let all = u64::from(settings.matching.candidate_budget);
+    match (context.along, context.scale) {
+        (Some(_), _) => all * MOTION_TIMES,
+        (None, 0) => all.div_ceil(SHARP_PART),
+        (None, _) => all.div_ceil(WIDE_PART),
+    }
+}
+
 /// Ends an outcome because the watch said so.
 pub(super) fn stopped(outcome: &mut Outcome, stop: Stop) -> bool {
     (outcome.reason, outcome.detail) = match stop {
@@ -501,5 +519,9 @@ fn report(source: &Source) -> SourceReport {
 
 pub(super) fn pattern_source(source: &Source, camera: &CameraModel) -> PatternSource {
     let (left, up) = camera.offsets(source.x, source.y);
-    PatternSource::new(left, up, source.sigma, source.flux, camera.platescale)
+    let plain = PatternSource::new(left, up, source.sigma, source.flux, camera.platescale);
+    let Some(Trailed { covariance: (xx, yy, xy), noise }) = source.trailed else { return plain };
+    // Left and up run along the file's axes, or against them.
+    let (from, to) = (camera.offsets(0.0, 0.0), camera.offsets(1.0, 1.0));
+    plain.trailed((xx, yy, xy * (to.0 - from.0) * (to.1 - from.1)), noise)
 }

@@ -2,7 +2,7 @@
 
 use super::near::{NearRules, NearSearch};
 use super::pattern::SearchEnd;
-use super::solver::{Context, Solver, note_tally, stopped};
+use super::solver::{Context, Solver, most_tried, note_tally, stopped};
 use super::verify::{Hypothesis, PatternSource};
 use super::{FoundBy, Outcome, Reason};
 
@@ -23,7 +23,7 @@ impl Solver {
             stop: &|| context.watch.stop(),
         };
         // Those that no noise explains by themselves, and then all: what is mostly noise hides three stars.
-        let brightest = self.found.iter().take(settings.sources.max_sources as usize).enumerate();
+        let brightest = self.found.iter().take(most_tried(settings, context)).enumerate();
         let tried: Vec<usize> = brightest.clone().map(|(i, _)| i).collect();
         let sure: Vec<usize> = brightest.filter(|(_, source)| source.snr >= SURE_SNR).map(|(i, _)| i).collect();
         for list in [Some(&sure), Some(&tried).filter(|tried| tried.len() > sure.len())].into_iter().flatten() {
@@ -54,7 +54,9 @@ impl Solver {
     /// the outcome as it was, for it may still be found otherwise. Whether the frame is solved.
     fn conclude_near(&mut self, context: &Context<'_>, found: &Hypothesis, outcome: &mut Outcome) -> bool {
         let (started, before) = (context.watch.elapsed(), outcome.clone());
-        self.finder.complete(&mut self.found);
+        if context.along.is_none() {
+            self.finder.complete(&mut self.found);
+        }
         self.report_sources(outcome);
         self.conclude(context, &self.pattern_sources(context), found, FoundBy::Tracked, outcome);
         let done = outcome.reason == Reason::Solved;

@@ -25,6 +25,10 @@ pub struct PatternSource {
     pub mag: f64,
     /// Direction in the camera frame at the plate scale in the middle of its range.
     pub direction: Vec3,
+    /// Covariance of the offsets, left-left, up-up, left-up, px², where they are not known alike.
+    pub covariance: Option<(f64, f64, f64)>,
+    /// Probability that it is no catalogued star.
+    pub stray: f64,
 }
 
 /// Least flux that has a brightness: far below what any source has, in ADU or in electrons.
@@ -35,8 +39,43 @@ impl PatternSource {
     /// whose plate scale is about `platescale`, rad/px.
     pub fn new(left: f64, up: f64, sigma: f64, flux: f64, platescale: f64) -> Self {
         let direction = Vec3::new(left * platescale, up * platescale, 1.0).normalize();
-        Self { left, up, sigma, mag: -2.5 * flux.max(LEAST_FLUX).log10(), direction }
+        Self { left, up, sigma, mag: -2.5 * flux.max(LEAST_FLUX).log10(), direction, covariance: None, stray: STRAY }
     }
+
+    /// The same of a source along its trail: with the covariance of its place, left-left, up-up, left-up, px², and the probability that
+    /// noise alone made it.
+    #[must_use]
+    pub fn trailed(self, covariance: (f64, f64, f64), noise: f64) -> Self {
+        /// No source is noise beyond doubt.
+        const MOST: f64 = 0.99;
+        Self { covariance: Some(covariance), stray: 1.0 - (1.0 - STRAY) * (1.0 - noise.clamp(0.0, MOST)), ..self }
+    }
+
+    /// Its place as that of a star, with a floor of its σ, px.
+    pub fn pair(&self, star: Vec3, floor: f64) -> Pair {
+        match self.covariance {
+            None => Pair::round(self.left, self.up, self.sigma.hypot(floor), star),
+            Some((ll, uu, lu)) => Pair::with_covariance(self.left, self.up, (ll + floor * floor, uu + floor * floor, lu), star),
+        }
+    }
+
+    /// Density of its place, px⁻², where a star is in truth at an offset and what no noise explains has this σ, px.
+    fn density(&self, left: f64, up: f64, extra: f64) -> f64 {
+        let (dl, du) = (left - self.left, up - self.up);
+        let Some((ll, uu, lu)) = self.covariance else {
+            let variance = extra * extra + self.sigma * self.sigma;
+            return (-0.5 * (dl * dl + du * du) / variance).exp() / (std::f64::consts::TAU * variance);
+        };
+        let (ll, uu) = (ll + extra * extra, uu + extra * extra);
+        let determinant = ll * uu - lu * lu;
+        let distance_sq = (uu * dl * dl - 2.0 * lu * dl * du + ll * du * du) / determinant;
+        (-0.5 * distance_sq).exp() / (std::f64::consts::TAU * determinant.sqrt())
+    }
+}
+
+/// How many of some sources are more than noise.
+pub fn beyond_noise(sources: &[PatternSource]) -> f64 {
+    sources.iter().map(|source| (1.0 - source.stray) / (1.0 - STRAY)).sum()
 }
 
 /// A source and the star of the field that it may be.
@@ -122,7 +161,7 @@ impl FrameGeometry {
     }
 }
 
-/// A source is no catalogued star with this probability.
+/// A source that is more than noise is no catalogued star with this probability.
 const STRAY: f64 = 0.5;
 /// Positional errors beyond a source's own σ that are averaged over, px: distortion, blends, the fit itself.
 const EXTRA_SIGMAS: [f64; 3] = [SHARPEST_PX, 0.6, 1.2];
@@ -206,7 +245,7 @@ pub fn pairs_of(sources: &[PatternSource], matches: &[Assigned], field: &Field, 
     matches
         .iter()
         .filter_map(|m| Some((sources.get(m.source)?, field.stars.stars.get(m.star)?)))
-        .map(|(source, star)| Pair::round(source.left, source.up, source.sigma.hypot(floor), star.direction))
+        .map(|(source, star)| source.pair(star.direction, floor))
         .collect()
 }
 
@@ -265,41 +304,40 @@ fn log_odds(sources: &[PatternSource], matches: &[Assigned], stars: &[(usize, f6
         matches.iter().filter_map(|m| Some(sources.get(m.source)?.mag - f64::from(mag(m.star)))).collect();
     zero_points.sort_by(f64::total_cmp);
     let zero_point = zero_points.get(zero_points.len() / 2).copied().unwrap_or(0.0);
-    // Of each match: the star's place among the stars on the picture, brightest first, and how much likelier it makes the source.
-    let mut ranked: Vec<(f64, f64)> = Vec::with_capacity(matches.len());
+    // Of each match: the star's place among the stars on the picture, brightest first, how much likelier it makes the source, and how likely
+    // that is stray.
+    let mut ranked: Vec<(f64, f64, f64)> = Vec::with_capacity(matches.len());
     for m in matches {
         let Some((source, &(_, left, up))) = sources.get(m.source).zip(stars.iter().find(|s| s.0 == m.star)) else { continue };
         let rank = 1 + stars.iter().filter(|s| mag(s.0) < mag(m.star)).count();
-        let distance_sq = (left - source.left).powi(2) + (up - source.up).powi(2);
-        let density = EXTRA_SIGMAS.iter().map(|extra| {
-            let variance = extra * extra + source.sigma * source.sigma;
-            (-0.5 * distance_sq / variance).exp() / (std::f64::consts::TAU * variance)
-        });
+        let density = EXTRA_SIGMAS.iter().map(|extra| source.density(left, up, *extra));
         let density = density.sum::<f64>() / EXTRA_SIGMAS.len() as f64;
         let dm = source.mag - f64::from(mag(m.star)) - zero_point;
         let normal = (-0.5 * (dm / MAG_SIGMA).powi(2)).exp() / (MAG_SIGMA * std::f64::consts::TAU.sqrt());
-        ranked.push((rank as f64, area * density * (normal / MAG_CHANCE + MAG_UNKNOWN)));
+        ranked.push((rank as f64, area * density * (normal / MAG_CHANCE + MAG_UNKNOWN), source.stray));
     }
-    let deepest = 1.3 * sources.len() as f64 + 4.0;
+    let deepest = 1.3 * beyond_noise(sources) + 4.0;
     let ratios = DEPTHS.map(|depth| {
         let depth = depth * deepest;
         let (mut total, mut left) = (0.0, depth);
-        for &(rank, likelier) in &ranked {
+        for &(rank, likelier, stray) in &ranked {
             // The one or other of the stars that no other source is.
             let this_star =
                 if rank <= depth { BRIGHT_SHARE / left.max(1.0) } else { (1.0 - BRIGHT_SHARE) * depth / (rank * rank) };
-            let ratio = (1.0 - STRAY) * this_star * likelier;
+            let ratio = (1.0 - stray) * this_star * likelier;
             // What fits no better than chance is chance, and the star is free for another source.
-            if ratio > STRAY {
+            if ratio > stray {
                 total += ratio.ln();
                 left -= if rank <= depth { 1.0 } else { 0.0 };
             } else {
-                total += STRAY.ln();
+                total += stray.ln();
             }
         }
         total
     });
     let greatest = ratios.iter().copied().fold(f64::MIN, f64::max);
     let mean = ratios.iter().map(|ratio| (ratio - greatest).exp()).sum::<f64>() / ratios.len() as f64;
-    (sources.len() - ranked.len().min(sources.len())) as f64 * STRAY.ln() + greatest + mean.ln()
+    let matched = |i: usize| matches.iter().any(|m| m.source == i);
+    let unmatched: f64 = sources.iter().enumerate().filter(|(i, _)| !matched(*i)).map(|(_, source)| source.stray.ln()).sum();
+    unmatched + greatest + mean.ln()
 }

@@ -8,6 +8,7 @@ use super::kernel::SearchKernel;
 use super::light::{KnownStar, Light, PlacedStar};
 use super::lines;
 use super::measure::{CoreTemplate, Patch, Shape, Standing, summit};
+use super::motion::Trailed;
 use super::peaks::{Peak, PeakFinder, PeakRules, Taps};
 use super::plane::{Clipped, HalveScratch, MARGIN, Picture, Plane, halve};
 use super::survey::Survey;
@@ -36,6 +37,8 @@ pub struct Source {
     pub saturated: bool,
     /// Whether it has the shape of a star; those that do not are ranked last.
     pub star_like: bool,
+    /// What else is known of one that was found along known trails.
+    pub trailed: Option<Trailed>,
 }
 
 impl Look<'_> {
@@ -575,5 +578,6 @@ fn source_of(candidate: &Candidate, patch: &Patch, optics: &Optics, fit: bool) -
         peak: f64::from(patch.highest() - candidate.standing.base),
         saturated: candidate.saturated,
         star_like: candidate.is_star_like() && !candidate.saturated && (fitted.is_some() || !fit),
+        trailed: None,
     }
 }

@@ -173,7 +173,7 @@ async fn gyro_rates_are_taken_with_their_command_and_what_cannot_be_is_refused()
     let [(start, length)] = motion.exposures[..] else { panic!("{:?}", motion.exposures) };
     assert!((start - 10.0 / 100.16).abs() < 1e-6 && (length - 12.0 / 100.16).abs() < 1e-6);
     // The turn in elevation alone would be 2 mrad/s for the exposure.
-    let turn = motion.turn_at(start + length).norm();
+    let turn = motion.track().turn_at(start + length).norm();
     assert!((turn / (length * 1e-3_f64.hypot(2e-3)) - 1.0).abs() < 1e-3, "{turn}");
     // Of an image that is not there yet, with a rate that is none, and by a command that turns it off.
     for (motion, value, refused) in [
