@@ -2,7 +2,7 @@
 """Scores the answers of `stars solve --json` against the truth. Standard library only.
 
     score.py flight|esa TRUTH.json ANSWERS.jsonl
-    score.py speed|refusal|lists|tracking|autofocus|view|motion BENCH.txt
+    score.py speed|refusal|lists|tracking|autofocus|view|series|motion BENCH.txt
     score.py calibration DIRECTORY LEFT,UP,BORESIGHT
     score.py rendered|nostars|mirrored|causes|measured|peers|errors|scale DIRECTORY
 
@@ -505,6 +505,18 @@ def score_threads(verdict, bench_file):
     verdict("kinds that need the robust search: 2", f"{len(robust)}", len(robust) == 2)
 
 
+def score_series(verdict, bench_file):
+    """Four exposures against one, from what `cargo bench --bench series` printed."""
+    text = Path(bench_file).read_text()
+    print(text.strip())
+    tally = {line.split()[0]: [int(word.strip(",;")) for word in line.split() if word.strip(",;").isdigit()] for line in text.splitlines()}
+    (one, series, one_wrong), (four, _, four_wrong) = (tally.get(name, [0, 0, 0])[:3] for name in ("one", "four"))
+    gain = next((float(line.split()[5]) for line in text.splitlines() if line.startswith("gain")), 0.0)
+    verdict("four exposures solve more than one", f"{four} and {one} of {series}", four > one)
+    verdict("none wrong", f"{one_wrong + four_wrong} wrong", series > 0 and one_wrong + four_wrong == 0)
+    verdict("signal over noise grows by the root of four, to 10 %", f"{gain:.2f}", 1.8 <= gain <= 2.2)
+
+
 def score_motion(verdict, bench_file):
     """Trailed series, from what `cargo bench --bench motion` printed."""
     lines = [line for line in Path(bench_file).read_text().splitlines() if line.startswith(("along", "plain", "wrong"))]
@@ -672,6 +684,8 @@ def main(arguments):
             score_refusal(verdict, bench)
         case ["lists", bench]:
             score_lists(verdict, bench)
+        case ["series", bench]:
+            score_series(verdict, bench)
         case ["motion", bench]:
             score_motion(verdict, bench)
         case ["calibration", directory, turned]:
