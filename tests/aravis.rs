@@ -4,8 +4,8 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::indexing_slicing, reason = "this is a test")]
 
-use stars::camera::{AravisCamera, CameraError, Moment, Source};
-use stars::image::{Frame, ImageCounter};
+use stars::camera::{AravisCamera, Ask, CameraError, Moment, Source};
+use stars::image::{ExposedBy, Frame, ImageCounter};
 use stars::settings::{CameraSettings, PixelFormat, Settings, Trigger};
 use stars::sky::{ClockQuality, Utc};
 use std::fs::File;
@@ -86,6 +86,7 @@ fn moment() -> Moment {
         uptime: Duration::ZERO,
         utc: Utc::from_calendar(2026, 12, 30, 8, 0, 0.0),
         quality: ClockQuality::FreeRunning,
+        ask: Ask::Expose,
     }
 }
 
@@ -160,6 +161,28 @@ fn each_trigger_gives_one_frame_and_nothing_comes_without() {
         assert_eq!(wrong(&frame, 0), WHOLE);
         last = number(&frame);
     }
+}
+
+#[test]
+fn a_camera_on_a_line_gives_what_is_triggered_exposes_by_itself_when_told_to_and_listens_again() {
+    let Some(_fake) = Fake::start("a_camera_on_a_line", 0) else { return };
+    // The fake one knows no line: told to listen to one it exposes at its own rate, as if somebody triggered it so often.
+    let mut camera = AravisCamera::new(&CameraSettings { trigger: Trigger::Line0, ..free(1) });
+    let mut ask = |ask| camera.next(&Moment { ask, ..moment() }).map(|series| series.into_exposures().remove(0));
+    let long = Ask::Triggered(Duration::from_secs(10));
+    let mut own = 0;
+    for _ in 0..3 {
+        let triggered = ask(long).unwrap();
+        assert_eq!((triggered.stamp.exposed_by, wrong(&triggered, 0)), (Some(ExposedBy::Trigger), vec![]));
+        assert_eq!(ask(Ask::Triggered(Duration::from_millis(1))), Err(CameraError::NothingNew));
+        let frame = ask(Ask::Expose).unwrap();
+        assert_eq!(wrong(&frame, 0), WHOLE);
+        assert_eq!(frame.stamp.missed_frames, 0);
+        own += u32::from(frame.stamp.exposed_by == Some(ExposedBy::Itself));
+    }
+    assert!(own >= 2, "{own} of 3: a trigger just then has precedence, and none comes so often");
+    std::thread::sleep(Duration::from_millis(2500));
+    assert_eq!(ask(Ask::Expose).unwrap().stamp.exposed_by, Some(ExposedBy::Trigger), "what waits was triggered");
 }
 
 #[test]

@@ -5,7 +5,7 @@
 use std::path::PathBuf;
 
 use proptest::prelude::*;
-use stars::image::{Frame, ImageCounter, Problem, Stamp, TriggerCounter, read, write_fits, write_png};
+use stars::image::{ExposedBy, Frame, ImageCounter, Problem, Stamp, TriggerCounter, read, write_fits, write_png};
 use stars::sky::{ClockQuality, DEG, HOUR, Observer, RowOrder, Utc};
 
 /// The directory of the real flight and night images: `STARS_REAL_IMAGES`, or beside the crate.
@@ -361,14 +361,16 @@ fn stamps() -> impl Strategy<Value = Stamp> {
     let exposure = (proptest::option::of(0.0..1e6_f64), 1..=u8::MAX, proptest::option::of(any::<u8>()));
     let lens = (proptest::option::of(-100.0..100.0_f64), proptest::option::of(any::<i32>()), proptest::option::of(any::<i32>()));
     let observer = proptest::option::of((-90.0..90.0_f64, 0.0..24.0_f64));
+    let by = prop_oneof![Just(None), Just(Some(ExposedBy::Asked)), Just(Some(ExposedBy::Trigger)), Just(Some(ExposedBy::Itself))];
     let lost = (any::<u32>(), any::<u32>());
     let celsius = (proptest::option::of(-100.0..100.0_f64), proptest::option::of(-100.0..100.0_f64));
-    (counters, time, exposure, lens, celsius, observer, lost).prop_map(
-        |(counters, time, exposure, lens, celsius, observer, lost)| Stamp {
+    (counters, time, by, exposure, lens, celsius, observer, lost).prop_map(
+        |(counters, time, exposed_by, exposure, lens, celsius, observer, lost)| Stamp {
             image: ImageCounter(counters.0),
             trigger: counters.1.map(TriggerCounter),
             origin: counters.2,
             captured: time.map(|(unix_s, quality)| (Utc::from_unix(unix_s).unwrap(), quality)),
+            exposed_by,
             exposure_s: exposure.0,
             exposures: exposure.1,
             part: exposure.2,
@@ -504,6 +506,7 @@ fn frames_are_written_for_fitsverify() {
         trigger: Some(TriggerCounter(1600)),
         origin: format!("it's a long name: {}", "x".repeat(100)),
         captured: Utc::from_calendar(2012, 12, 31, 23, 59, 59.999_999_9).map(|time| (time, ClockQuality::Synchronised)),
+        exposed_by: Some(ExposedBy::Itself),
         exposure_s: Some(1e-7),
         exposures: 4,
         part: Some(3),

@@ -163,6 +163,8 @@ class Solution(Record):
     image: str
     image_counter: int | None = None
     trigger_counter: int | None = None
+    # What made the camera expose: asked (nobody triggers it), trigger, or itself for want of one.
+    exposed_by: str | None = None
     # Middle of the exposure, ISO 8601, as written; `captured` is the same as a datetime.
     captured_utc: str | None = None
     # How far that time can be believed: unset, free_running or synchronised.

@@ -4,8 +4,8 @@
 //! own, which for 10 to 16 bits becomes the frame's pixels as it is. That memory begins as zeros: what a lost packet held is 0, never
 //! a part of an older image.
 
-use super::{CameraError, Moment, Source};
-use crate::image::{Frame, Series, Stamp};
+use super::{Ask, CameraError, Moment, Source};
+use crate::image::{ExposedBy, Frame, Series, Stamp};
 use crate::settings::{CameraSettings, PixelFormat, Trigger};
 use crate::sky::{ClockQuality, RowOrder, Utc};
 use aravis::glib::object::Cast;
@@ -16,6 +16,7 @@ use aravis::{
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Duration;
 
 /// A frame that has not come this long after its exposure does not come any more, s. More than the largest takes on a slow link.
 const PATIENCE_S: f64 = 2.0;
@@ -176,27 +177,76 @@ impl Connection {
     /// The next frame: triggered, where it is to be.
     fn take(&mut self, moment: &Moment) -> Result<Frame, CameraError> {
         let asked_us = glib::real_time();
-        if self.trigger == Trigger::Software {
-            // What comes before the trigger is not its frame.
-            while let Some(stale) = self.stream.try_pop_buffer() {
-                tracing::warn!(camera = self.name, frame = stale.frame_id(), "a frame that nobody asked for is dropped");
-                self.replace(stale);
-            }
-            self.camera.software_trigger().map_err(|error| self.failed("cannot be triggered", &error))?;
+        match (self.trigger, moment.ask) {
+            (Trigger::Software, _) => self.command(moment, asked_us, ExposedBy::Asked),
+            (Trigger::Free, _) => self.receive(moment, asked_us, None, self.patience(), ExposedBy::Asked),
+            (_, Ask::Triggered(wait)) => self.receive(moment, asked_us, None, wait, ExposedBy::Trigger),
+            (_, Ask::Expose) => match self.receive(moment, asked_us, None, Duration::ZERO, ExposedBy::Trigger) {
+                Err(CameraError::NothingNew) => self.expose_by_itself(moment),
+                triggered => triggered,
+            },
         }
-        let triggered_us = glib::real_time();
+    }
+
+    /// How long a frame can take to come.
+    fn patience(&self) -> Duration {
+        Duration::try_from_secs_f64(self.exposure_s + PATIENCE_S).unwrap_or(Duration::from_secs(2))
+    }
+
+    /// One frame of a camera that others trigger, without a trigger of theirs. It listens to its line again afterwards.
+    fn expose_by_itself(&mut self, moment: &Moment) -> Result<Frame, CameraError> {
+        self.listen_to(Trigger::Software)?;
+        let frame = self.command(moment, glib::real_time(), ExposedBy::Itself);
+        self.listen_to(self.trigger)?;
+        frame
+    }
+
+    /// Has it exposed by another trigger. It stops sending meanwhile: many cameras take none while they do, and number anew after it.
+    fn listen_to(&mut self, trigger: Trigger) -> Result<(), CameraError> {
+        let set = |source| {
+            self.camera.stop_acquisition()?;
+            self.camera.set_trigger(source)?;
+            self.camera.start_acquisition()
+        };
+        let done = trigger.genicam().map_or(Ok(()), set);
+        done.map_err(|error| self.failed("takes no other trigger", &error))?;
+        self.last_id = None;
+        Ok(())
+    }
+
+    /// A frame by a command of ours.
+    fn command(&mut self, moment: &Moment, asked_us: i64, by: ExposedBy) -> Result<Frame, CameraError> {
+        // What comes before the trigger is not its frame.
+        while let Some(stale) = self.stream.try_pop_buffer() {
+            tracing::warn!(camera = self.name, frame = stale.frame_id(), "a frame that nobody asked for is dropped");
+            self.replace(stale);
+        }
+        self.camera.software_trigger().map_err(|error| self.failed("cannot be triggered", &error))?;
+        self.receive(moment, asked_us, Some(glib::real_time()), self.patience(), by)
+    }
+
+    /// The next frame that comes, waited for so long at most. Times are those of the computer's clock, µs: when it was asked for, and when
+    /// it was triggered by a command.
+    fn receive(
+        &mut self,
+        moment: &Moment,
+        asked_us: i64,
+        triggered_us: Option<i64>,
+        wait: Duration,
+        by: ExposedBy,
+    ) -> Result<Frame, CameraError> {
         loop {
-            let wait_us = (self.exposure_s + PATIENCE_S) * 1e6;
-            let Some(buffer) = self.stream.timeout_pop_buffer(wait_us as u64) else { return Err(self.nothing_came()) };
+            let wait_us = u64::try_from(wait.as_micros()).unwrap_or(u64::MAX);
+            let Some(buffer) = self.stream.timeout_pop_buffer(wait_us) else { return Err(self.nothing_came(by)) };
             let (status, id) = (buffer.status(), buffer.frame_id());
             // From the camera's clock to UTC by way of the computer's, which must not have been set meanwhile to be believed.
             let came_us = i64::try_from(buffer.system_timestamp() / 1000).unwrap_or(asked_us);
             let memory = self.replace(buffer);
-            let since_s = match self.trigger {
-                Trigger::Software => (triggered_us - asked_us) as f64 * 1e-6 + self.exposure_s / 2.0,
-                _ => (came_us - asked_us) as f64 * 1e-6 - self.exposure_s / 2.0,
+            let since_s = match triggered_us {
+                Some(triggered_us) => (triggered_us - asked_us) as f64 * 1e-6 + self.exposure_s / 2.0,
+                None => (came_us - asked_us) as f64 * 1e-6 - self.exposure_s / 2.0,
             };
-            let mut stamp = self.stamp(moment, since_s);
+            let mut stamp = Stamp { exposed_by: Some(by), ..self.stamp(moment, since_s) };
             let incomplete = match status {
                 // A stream that ends, not a frame.
                 BufferStatus::Aborted | BufferStatus::Cleared => continue,
@@ -269,11 +319,11 @@ impl Connection {
     }
 
     /// Why no frame came in time.
-    fn nothing_came(&self) -> CameraError {
+    fn nothing_came(&self, by: ExposedBy) -> CameraError {
         if self.is_lost() {
             return CameraError::Unavailable(self.told(LOST));
         }
-        if self.trigger.is_line() {
+        if by == ExposedBy::Trigger {
             // Who waits for others' triggers knows nothing of their times.
             return CameraError::NothingNew;
         }

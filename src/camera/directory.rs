@@ -153,6 +153,7 @@ fn load(path: &Path, name: &str) -> Result<Frame, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::Ask;
     use crate::image::{ImageCounter, write_fits};
     use crate::settings::Settings;
     use crate::sky::{ClockQuality, RowOrder};
@@ -176,7 +177,8 @@ mod tests {
 
     fn next(camera: &mut Directory) -> Result<Frame, CameraError> {
         let image = ImageCounter(0);
-        let series = camera.next(&Moment { image, uptime: Duration::ZERO, utc: None, quality: ClockQuality::Unset })?;
+        let series =
+            camera.next(&Moment { image, uptime: Duration::ZERO, utc: None, quality: ClockQuality::Unset, ask: Ask::Expose })?;
         Ok(series.sum().unwrap_or_else(|| series.exposures()[0].clone()))
     }
 

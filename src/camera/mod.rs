@@ -1,22 +1,37 @@
 //! The camera room: where frames come from, behind one trait, [`Source`].
 //!
 //! A directory of image files ([`Directory`]), a simulated sky ([`SimulatedSky`]), and real cameras through Aravis where the program
-//! is built with them (`AravisCamera`). A source is blocking and knows no schedule: the camera's actor asks it for each frame. Uses the rooms before it and the disk; no clock, no runtime: the
+//! is built with them (`AravisCamera`). A real camera has a line for others' triggers; [`SimulatedLine`] is its twin for the others, and
+//! [`TriggerWatch`] says what is done when no trigger comes. A source is blocking and knows no schedule: the camera's actor asks it for each frame. Uses the rooms before it and the disk; no clock, no runtime: the
 //! time comes in with each [`Moment`].
 
 #[cfg(feature = "aravis")]
 mod aravis;
 mod directory;
+mod line;
 mod sky;
+mod triggers;
 
 #[cfg(feature = "aravis")]
 pub use aravis::AravisCamera;
 pub use directory::Directory;
+pub use line::{LinePulses, SimulatedLine, TellPulses};
 pub use sky::{Gondola, SimulatedSky};
+pub use triggers::{TriggerDecision, TriggerEvent, TriggerWatch};
 
 use crate::image::{ImageCounter, Series};
 use crate::sky::{ClockQuality, Utc};
 use std::time::Duration;
+
+/// How a source is asked for a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ask {
+    /// To expose now, or to give the next frame where it exposes at a rate of its own. A camera that others trigger exposes by itself,
+    /// unless what a trigger made waits already.
+    Expose,
+    /// To give what a trigger of others' makes, and to wait for it for so long at most; it is nothing new where none came.
+    Triggered(Duration),
+}
 
 /// The moment at which a source is asked for a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,6 +44,8 @@ pub struct Moment {
     pub utc: Option<Utc>,
     /// How far that clock can be believed.
     pub quality: ClockQuality,
+    /// How it is asked.
+    pub ask: Ask,
 }
 
 /// Something that gives images, each a series of one or more exposures. May block for as long as one takes.

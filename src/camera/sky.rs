@@ -178,6 +178,7 @@ impl Source for SimulatedSky {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::Ask;
     use crate::image::ImageCounter;
     use crate::sky::{Utc, horizontal_of, separation};
 
@@ -191,6 +192,7 @@ mod tests {
             uptime: Duration::from_secs(seconds),
             utc: Utc::from_calendar(2026, 12, 30, 8, 0, seconds as f64),
             quality: ClockQuality::FreeRunning,
+            ask: Ask::Expose,
         }
     }
 

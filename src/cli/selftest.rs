@@ -2,7 +2,7 @@
 
 use super::run::runtime;
 use super::{ConfigArgs, NEGATIVE, print};
-use crate::camera::{Directory, Moment, Source};
+use crate::camera::{Ask, Directory, Moment, Source};
 use crate::catalog::Catalogue;
 use crate::command::FlightComputer;
 use crate::image::{ImageCounter, Series};
@@ -181,7 +181,8 @@ fn judge(outcome: &Outcome, rendered: &Rendered, took: Duration) -> Verdict {
 
 /// Whether the camera gives a frame of the size that the settings say.
 fn camera(settings: &Settings) -> Verdict {
-    let moment = Moment { image: ImageCounter(0), uptime: Duration::ZERO, utc: None, quality: ClockQuality::Unset };
+    let moment =
+        Moment { image: ImageCounter(0), uptime: Duration::ZERO, utc: None, quality: ClockQuality::Unset, ask: Ask::Expose };
     match settings.camera.kind {
         CameraKind::None => Verdict::Bad("camera.kind = \"none\": no image will ever be taken".to_owned()),
         #[cfg(not(feature = "aravis"))]

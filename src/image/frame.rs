@@ -10,6 +10,19 @@ pub struct ImageCounter(pub u32);
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, serde::Serialize)]
 pub struct TriggerCounter(pub u32);
 
+/// What made a camera expose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ExposedBy {
+    /// The program asked for it, or the camera has a rate of its own: nobody else triggers it.
+    #[default]
+    Asked,
+    /// A trigger of others'.
+    Trigger,
+    /// The camera by itself, because no trigger had come for `camera.trigger_timeout_s`.
+    Itself,
+}
+
 /// What is known of a frame besides its pixels.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Stamp {
@@ -21,6 +34,8 @@ pub struct Stamp {
     pub origin: String,
     /// When it was captured (middle of the exposure), and how far that can be believed.
     pub captured: Option<(Utc, ClockQuality)>,
+    /// What made the camera expose, where that is known.
+    pub exposed_by: Option<ExposedBy>,
     /// Exposure time of one exposure, s.
     pub exposure_s: Option<f64>,
     /// Exposures co-added into it; 0 counts as 1.

@@ -29,7 +29,7 @@ mod write;
 pub use bad_pixels::{BadPixels, BadPixelsError};
 pub use coadd::{CoaddError, MAX_PARTS, coadd};
 pub use fits::{Keyword, KeywordValue, checksum_holds};
-pub use frame::{Frame, ImageCounter, Stamp, TriggerCounter};
+pub use frame::{ExposedBy, Frame, ImageCounter, Stamp, TriggerCounter};
 pub use level::{Level, LevelMeter, auto_level, to_grey8};
 pub use mask::{Mask, MaskError};
 pub use name::{series_stem, time_in_name};

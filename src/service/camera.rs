@@ -9,19 +9,19 @@ use super::left_behind::LeftBehind;
 use super::orders::NOBODY;
 use super::pulse::Pulse;
 use super::solver::{self, Captured};
-use super::state::{CameraState, Disk, Finished, ImageNews, Shed, State};
+use super::state::{CameraState, Disk, Finished, ImageNews, Shed, State, Triggers};
 use super::supervisor::{Ended, panic_message, panic_text};
-use crate::camera::{CameraError, Moment, Source};
+use crate::camera::{Ask, CameraError, Moment, SimulatedLine, Source, TriggerDecision, TriggerEvent, TriggerWatch};
 use crate::command::OrderNumber;
-use crate::image::{Frame, ImageCounter, Series, Stamp};
-use crate::settings::Settings;
+use crate::image::{ExposedBy, Frame, ImageCounter, Series, Stamp};
+use crate::settings::{CameraKind, CameraSettings, Settings};
 use crate::solve::{Outcome, Reason};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::{mpsc, watch};
-use tokio::time::{Instant, MissedTickBehavior};
+use tokio::time::{Instant, MissedTickBehavior, sleep_until};
 use tokio_util::sync::CancellationToken;
 
 /// Makes a source; blocking. The error says why there is none for now.
@@ -71,6 +71,22 @@ pub struct CameraActor {
 /// Why a camera is not asked any more.
 const HANGS: &str = "its driver hangs, time after time";
 
+/// A trigger is waited for so long at a time: what else the camera is asked for waits no longer.
+const WAIT: Duration = Duration::from_millis(250);
+/// Until the next look at a camera that does not wait by itself. An image comes later by no more than that.
+const LOOK: Duration = Duration::from_millis(3);
+/// Until the next look at a camera that is away.
+const AWAY: Duration = Duration::from_secs(1);
+
+/// What the actor's loop holds.
+struct Held {
+    /// The source; `None` where one has to be made.
+    source: Option<Box<dyn Source>>,
+    triggers: TriggerWatch,
+    /// When to look again for what a trigger made.
+    look: Instant,
+}
+
 /// What the blocking pool gives back: the source for the next time, and the image.
 struct Shot {
     source: Option<Box<dyn Source>>,
@@ -102,16 +118,23 @@ impl CameraActor {
         let first = self.clock.started() + Duration::from_secs_f64(camera.startup_delay_s);
         let mut schedule = tokio::time::interval_at(first.max(Instant::now()), Duration::from_secs_f64(camera.period_s));
         schedule.set_missed_tick_behavior(MissedTickBehavior::Skip);
-        let mut source = None;
+        let triggers =
+            TriggerWatch::new(camera, self.state.borrow().triggers.exposing, self.clock.tick(first.max(Instant::now())));
+        let mut held = Held { source: None, triggers, look: first };
         let mut inbox = self.inbox.open().await;
         loop {
             tokio::select! {
                 biased;
                 () = self.stop.cancelled() => return Ok(()),
-                Some(request) = inbox.recv() => source = self.answer(source.take(), request).await?,
-                _ = schedule.tick() => {
+                Some(request) = inbox.recv() => held.source = self.answer(held.source.take(), request).await?,
+                _ = schedule.tick(), if held.triggers.exposing() != ExposedBy::Trigger => {
                     pulse.give_up(self.left_behind.too_many());
-                    source = self.take_one(source.take()).await?;
+                    self.take_one(&mut held, Ask::Expose).await?;
+                }
+                () = sleep_until(held.look), if held.triggers.exposing() != ExposedBy::Asked => {
+                    pulse.give_up(self.left_behind.too_many());
+                    self.take_one(&mut held, Ask::Triggered(WAIT)).await?;
+                    self.watch(&mut held.triggers, TriggerEvent::Time).await;
                 }
                 () = pulse.rest() => {}
             }
@@ -142,29 +165,52 @@ impl CameraActor {
         Ok(source)
     }
 
-    /// Takes one frame on its way; gives the source back. When it is to end, a source that is slow is left behind; a frame that
+    /// Takes note of triggers that came, or did not; tells what follows.
+    async fn watch(&self, triggers: &mut TriggerWatch, event: TriggerEvent) {
+        let decision = triggers.on(self.clock.uptime(), event);
+        let Triggers { mut last, mut stayed_away, .. } = self.state.borrow().triggers;
+        match decision {
+            TriggerDecision::Unchanged if event == TriggerEvent::Time => return,
+            TriggerDecision::Unchanged => {}
+            TriggerDecision::ByItself { silent } => {
+                stayed_away = stayed_away.saturating_add(1);
+                tracing::warn!(silent_s = silent.as_secs(), "no trigger comes: the camera exposes by itself");
+            }
+            TriggerDecision::Returned => tracing::info!("triggers are back: the camera waits for them"),
+        }
+        if event == TriggerEvent::Triggered {
+            last = Some(Instant::now());
+        }
+        self.hub.tell(ToHub::Triggers(Triggers { exposing: triggers.exposing(), last, stayed_away })).await;
+    }
+
+    /// Takes one frame on its way; puts the source back. When it is to end, a source that is slow is left behind; a frame that
     /// has its number is not.
-    async fn take_one(&self, source: Option<Box<dyn Source>>) -> Result<Option<Box<dyn Source>>, Ended> {
+    async fn take_one(&self, held: &mut Held, ask: Ask) -> Result<(), Ended> {
         let at = Instant::now();
         let image = ImageCounter(self.numbers.load(Ordering::Relaxed));
         let uptime = self.clock.tick(at);
         let state = Arc::clone(&self.state.borrow());
         let make = Arc::clone(&self.make);
         let (utc, quality) = self.clock.utc();
-        let moment = Moment { image, uptime, utc, quality };
+        let moment = Moment { image, uptime, utc, quality, ask };
+        let source = held.source.take();
         let running = self.left_behind.start();
         let job = tokio::task::spawn_blocking(move || match running {
             Some(_running) => shoot(source, &make, &moment),
             None => Shot { source, gain_db: None, temperature_c: None, image: Err(CameraError::Unavailable(HANGS.to_owned())) },
         });
-        let Some(shot) = self.stop.run_until_cancelled(job).await else { return Ok(None) };
+        let Some(shot) = self.stop.run_until_cancelled(job).await else { return Ok(()) };
         let Shot { source, gain_db, temperature_c, image: taken } = shot.map_err(|error| Ended(panic_message(error)))?;
+        (held.source, held.look) = (source, Instant::now() + LOOK);
         if let Some(gain_db) = gain_db {
             self.hub.tell(ToHub::Gain { number: NOBODY, result: Ok(gain_db) }).await;
         }
         match taken {
             Ok(Taken { mut series, mut sum }) => {
+                let asked = held.triggers.exposing() == ExposedBy::Asked;
                 let stamp = |stamp: &mut Stamp| {
+                    stamp.exposed_by = stamp.exposed_by.or(asked.then_some(ExposedBy::Asked));
                     self.number(image, &state, stamp);
                     stamp.temperature_camera_c = stamp.temperature_camera_c.or(temperature_c);
                     self.note_instrument(&state, at, stamp);
@@ -174,7 +220,10 @@ impl CameraActor {
                 let exposures: Vec<Arc<Frame>> = series.into_exposures().into_iter().map(Arc::new).collect();
                 // Before anything is waited for: whatever becomes of this actor, the exposures are where they are kept.
                 let lost = self.keep(&state, &exposures);
-                let Some(frame) = sum.map(Arc::new).or_else(|| exposures.first().cloned()) else { return Ok(source) };
+                let Some(frame) = sum.map(Arc::new).or_else(|| exposures.first().cloned()) else { return Ok(()) };
+                if frame.stamp.exposed_by == Some(ExposedBy::Trigger) {
+                    self.watch(&mut held.triggers, TriggerEvent::Triggered).await;
+                }
                 self.count(&frame.stamp).await;
                 for disk in lost {
                     self.hub.tell(ToHub::Image(disk, ImageNews::Lost)).await;
@@ -194,9 +243,15 @@ impl CameraActor {
                 self.hub.tell(ToHub::Finished(Box::new(Finished::without_stars(outcome, at)))).await;
                 self.set_open(None);
             }
-            Err(none) => self.tell(&state, CameraState::Unavailable(none.to_string())).await,
+            Err(CameraError::NothingNew) if held.triggers.exposing() != ExposedBy::Asked => {
+                self.tell(&state, CameraState::Waiting).await;
+            }
+            Err(none) => {
+                held.look = Instant::now() + AWAY;
+                self.tell(&state, CameraState::Unavailable(none.to_string())).await;
+            }
         }
-        Ok(source)
+        Ok(())
     }
 
     /// Hands exposures to those who keep them; says where there is no room for one, or no time. They are solved all the same.
@@ -227,7 +282,8 @@ impl CameraActor {
     fn number(&self, image: ImageCounter, state: &State, stamp: &mut Stamp) {
         self.numbers.store(image.0.wrapping_add(1), Ordering::Relaxed);
         stamp.image = image;
-        stamp.trigger = stamp.trigger.or_else(|| state.trigger());
+        let by_itself = stamp.exposed_by == Some(ExposedBy::Itself);
+        stamp.trigger = stamp.trigger.or_else(|| state.trigger().filter(|_| !by_itself));
         stamp.simulated |= state.simulated.any();
     }
 
@@ -251,6 +307,20 @@ impl CameraActor {
             self.hub.tell(ToHub::Camera(now)).await;
         }
     }
+}
+
+/// The sources of a camera that has no line of its own, behind a simulated one where the settings have others trigger it: on it are the
+/// pulses that the flight computer in charge says it sent.
+pub fn on_line(make: MakeSource, settings: &CameraSettings, state: &watch::Receiver<Arc<State>>) -> MakeSource {
+    if settings.kind == CameraKind::Aravis || !settings.trigger.is_line() {
+        return make;
+    }
+    let state = state.clone();
+    Arc::new(move || {
+        let state = state.clone();
+        let pulses = Box::new(move || state.borrow().pulses());
+        Ok(Box::new(SimulatedLine::new(make()?, pulses)))
+    })
 }
 
 /// One image, on the blocking pool. A source that panics over an image has lost that image and is asked for the next one.

@@ -123,6 +123,7 @@ impl Hub {
                 counters.frames_taken = counters.frames_taken.saturating_add(1);
             }
             ToHub::Camera(camera) => state.camera = camera,
+            ToHub::Triggers(triggers) => state.triggers = triggers,
             ToHub::Readiness(readiness) if readiness != state.readiness => {
                 let uptime_s = format_args!("{:.2}", self.clock.uptime().as_secs_f64());
                 match &readiness {

@@ -90,6 +90,7 @@ pub use session::Closed;
 pub use solver::{MakeSolver, Solve};
 pub use state::{
     Actor, CameraState, Counters, Disk, Ending, Finished, Found, ImageCounters, Peer, Readiness, Restart, Shed, Simulated, State,
+    Triggers,
 };
 pub use strain::Strain;
 

@@ -5,9 +5,10 @@ use super::motion::Motions;
 use super::runs::Run;
 use super::session::Closed;
 use super::strain::Strain;
+use crate::camera::LinePulses;
 use crate::command::legacy::LegacyGuard;
 use crate::command::{BootId, Command, Desk, FlightComputer, Focus, Guard, InCharge, Lease, OrderNumber, Tick};
-use crate::image::{ImageCounter, TriggerCounter};
+use crate::image::{ExposedBy, ImageCounter, TriggerCounter};
 use crate::lens::autofocus::{Autofocus, AutofocusRules, AutofocusStatus, CurvePoint};
 use crate::lens::{AperturePosition, Doubt, FocusCounts, FocusKept, LensCommand, LensState, RequestCounter};
 use crate::settings::{CameraKind, LensKind, ObserverSettings, Settings};
@@ -30,6 +31,8 @@ pub struct State {
     pub readiness: Readiness,
     /// What the camera does.
     pub camera: CameraState,
+    /// What makes the camera expose.
+    pub triggers: Triggers,
     /// What the lens's actor says of the lens; [`State::focus_known`] and [`State::aperture_known`] say what can be shown.
     pub lens: Arc<LensState>,
     /// What of the focus outlasts a restart.
@@ -160,8 +163,21 @@ pub enum CameraState {
     Idle,
     /// It gave a frame when it was last asked.
     Working,
+    /// It is there, and waits for a trigger.
+    Waiting,
     /// It gave none, and why.
     Unavailable(String),
+}
+
+/// What makes the camera expose, and what came of triggers.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Triggers {
+    /// What makes it expose now.
+    pub exposing: ExposedBy,
+    /// When the last image was captured that a trigger made.
+    pub last: Option<Instant>,
+    /// Times that triggers stayed away for `camera.trigger_timeout_s`.
+    pub stayed_away: u32,
 }
 
 /// A flight computer that is connected.
@@ -302,6 +318,10 @@ impl State {
             simulated: Simulated::of(&settings),
             readiness: Readiness::Starting,
             camera: CameraState::Idle,
+            triggers: Triggers {
+                exposing: if settings.camera.trigger.is_line() { ExposedBy::Trigger } else { ExposedBy::Asked },
+                ..Triggers::default()
+            },
             lens: Arc::new(LensState::unknown(Doubt::NeverRead)),
             focus_kept: FocusKept::default(),
             found: Found::Nothing,
@@ -429,6 +449,12 @@ impl State {
     /// The series of triggers that an image captured now belongs to, as the flight computer in charge counts them.
     pub fn trigger(&self) -> Option<TriggerCounter> {
         self.status_in_charge().and_then(Status::trigger)
+    }
+
+    /// The trigger pulses that the flight computer in charge says it sent.
+    pub fn pulses(&self) -> Option<LinePulses> {
+        let status = self.status_in_charge()?;
+        Some(LinePulses { boot: status.boot_id.get(), count: status.trigger_pulses.get() })
     }
 
     /// What is known of the pointing of a frame captured `now`. The estimates are those of the last status of the computer

@@ -2,7 +2,7 @@
 
 use super::housekeeping::Measurements;
 use super::session::Closed;
-use super::state::{Actor, CameraState, Disk, Finished, ImageNews, Readiness};
+use super::state::{Actor, CameraState, Disk, Finished, ImageNews, Readiness, Triggers};
 use crate::command::{Authenticity, BootId, FlightComputer, OrderNumber};
 use crate::image::ImageCounter;
 use crate::lens::{LensResult, LensState, RequestCounter};
@@ -21,6 +21,8 @@ pub enum ToHub {
     },
     /// What the camera does now.
     Camera(CameraState),
+    /// What makes it expose now.
+    Triggers(Triggers),
     /// Whether frames can be solved.
     Readiness(Readiness),
     /// The frame that is being solved.

@@ -2,7 +2,7 @@
 
 use super::housekeeping;
 use super::session::{Closed, Shared};
-use super::state::{Actor, Counters, State};
+use super::state::{Actor, Counters, State, Triggers};
 use crate::command::{FlightComputer, Refusal};
 use crate::wire::{self, Authority, Camera, Clock, Code, CommandReply, Control, Image, Link, List, Maybe, Status, Update};
 use tokio::time::Instant;
@@ -38,6 +38,7 @@ pub fn compose(state: &State, shared: &Shared, computer: FlightComputer, sequenc
         health: housekeeping::health(state, now),
         series: state.latest.as_ref().map(|finished| wire::Series::new(&finished.report)).into(),
         clocks: clocks(state, shared),
+        triggers: triggers(state, now),
     }
 }
 
@@ -131,6 +132,22 @@ fn counters(counters: &Counters, solving: bool) -> wire::Counters {
 fn clocks(state: &State, shared: &Shared) -> wire::Clocks {
     let now = shared.clock.uptime();
     wire::Clocks::new(state.peers.iter().filter_map(|peer| Some((peer.computer.0, peer.clock.offset(now)?))))
+}
+
+/// What makes the camera expose.
+fn triggers(state: &State, now: Instant) -> wire::Triggers {
+    let Triggers { exposing, last, stayed_away } = state.triggers;
+    wire::Triggers {
+        exposing: exposing.into(),
+        last_triggered_age_s: last.map(|at| now.saturating_duration_since(at).as_secs_f64()).into(),
+        triggers_stayed_away: stayed_away.into(),
+        image_exposed_by: state
+            .latest
+            .as_ref()
+            .and_then(|finished| finished.outcome.stamp.exposed_by)
+            .map(wire::Coded::from)
+            .into(),
+    }
 }
 
 fn image(state: &State, shared: &Shared, now: Instant) -> Option<Image> {

@@ -173,7 +173,7 @@ impl Watchman {
     ) -> camera::Handle {
         let (to_camera, inbox) = inbox::channel(CAMERA_INBOX);
         let actor = CameraActor {
-            make,
+            make: camera::on_line(make, &self.settings.camera, &self.state),
             solver,
             archives,
             hub: self.hub.clone(),

@@ -96,6 +96,7 @@ pub(super) const RULES: &[Rule] = &[
     word("camera.directory", Kind::Path),
     word("camera.device", Kind::OptionalText { max: 256 }),
     word("camera.trigger", Kind::Choice(TRIGGERS)),
+    number("camera.trigger_timeout_s", "s", 0.0, 86_400.0),
     number("camera.exposure_s", "s", 1e-5, 5.0),
     number("camera.gain_db", "dB", -50.0, 100.0),
     word("camera.pixel_format", Kind::Choice(PIXEL_FORMATS)),

@@ -147,6 +147,8 @@ pub struct CameraSettings {
     pub device: String,
     /// What makes it expose.
     pub trigger: Trigger,
+    /// Without a trigger of others' for so long it exposes by itself, s; 0: never.
+    pub trigger_timeout_s: f64,
     /// Exposure time of it, s.
     pub exposure_s: f64,
     /// Gain that it has at the start, dB.

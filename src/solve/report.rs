@@ -8,6 +8,7 @@ use super::{
     Statistics,
 };
 use crate::catalog::Catalogue;
+use crate::image::ExposedBy;
 use crate::sky::{ARCSEC, ClockQuality, DEG, HOUR, Mat3, Observer, ra_dec};
 use serde::Serialize;
 use std::time::Duration;
@@ -21,6 +22,8 @@ pub struct Report {
     pub image_counter: u32,
     /// The series of triggers that the image belongs to.
     pub trigger_counter: Option<u32>,
+    /// What made the camera expose: the program, a trigger of others', or itself for want of one.
+    pub exposed_by: Option<ExposedBy>,
     /// Middle of the exposure, ISO 8601, UTC.
     pub captured_utc: Option<String>,
     /// How far that time can be believed.
@@ -300,6 +303,7 @@ impl Report {
             image: stamp.origin.clone(),
             image_counter: stamp.image.0,
             trigger_counter: stamp.trigger.map(|counter| counter.0),
+            exposed_by: stamp.exposed_by,
             captured_utc: stamp.captured.map(|(utc, _)| utc.to_string()),
             clock: stamp.captured.map(|(_, quality)| quality),
             simulated: stamp.simulated,

@@ -141,6 +141,7 @@ mod tests {
         agrees::<Cause>();
         agrees::<SearchMode>();
         agrees::<ClockQuality>();
+        agrees::<crate::image::ExposedBy>();
         agrees::<crate::wire::Actor>();
         agrees::<crate::wire::LastEnd>();
         agrees::<crate::wire::Found>();

@@ -30,6 +30,7 @@ mod status;
 #[cfg(test)]
 mod tests;
 mod transfer;
+mod triggers;
 mod update;
 
 pub use clocks::{Clocks, PeerClock};
@@ -49,6 +50,7 @@ pub use refuse::{Refusal, Refuse};
 pub use series::{Series, SeriesStart};
 pub use status::{EquatorialEstimate, HorizontalEstimate, ObserverPart, Status};
 pub use transfer::{CHUNK_BYTES, ImageChunk, ImageForm, ImageRefusal, ImageRequest, NoImage, Wanted};
+pub use triggers::Triggers;
 pub use update::{
     Authority, Camera, Clock, Corrections, Counters, Equatorial, FrameStatistics, HorizontalPart, Housekeeping, Image, Link,
     Source, Update,

@@ -7,6 +7,7 @@ use super::health::Health;
 use super::instrument::{Focus, Lens};
 use super::series::Series;
 use super::status::ObserverPart;
+use super::triggers::Triggers;
 use super::{Coded, I32Le, List, Maybe, Text, U16Le, U32Le};
 use crate::command::Refusal;
 use crate::sky::{ClockQuality, Utc};
@@ -39,6 +40,8 @@ body! {
         series: Maybe<Series> => "";
         /// How the flight computers' clocks stand against the camera's. From version 3 on.
         clocks: Clocks => "";
+        /// What makes the camera expose. From version 3 on.
+        triggers: Triggers => "";
     }
 }
 

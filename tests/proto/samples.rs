@@ -1,6 +1,7 @@
 //! Messages whose bytes are kept: values chosen so that a mistaken offset, sign, width or byte order shows.
 
 use stars::command::{Act, Stage};
+use stars::image::ExposedBy;
 use stars::sky::ClockQuality;
 use stars::solve::{Cause, Reason, SearchMode};
 use stars::wire::*;
@@ -130,6 +131,16 @@ fn update(image: Option<Image>) -> Update {
         health: if known { health() } else { Health::default() },
         series: known.then(series).into(),
         clocks: if known { clocks() } else { Clocks::default() },
+        triggers: if known { triggers() } else { Triggers::default() },
+    }
+}
+
+fn triggers() -> Triggers {
+    Triggers {
+        exposing: ExposedBy::Itself.into(),
+        last_triggered_age_s: Some(123.4375).into(),
+        triggers_stayed_away: 70_014.into(),
+        image_exposed_by: Some(Coded::from(ExposedBy::Trigger)).into(),
     }
 }
 

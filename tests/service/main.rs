@@ -22,3 +22,4 @@ mod records;
 mod sessions;
 mod support;
 mod transfer;
+mod triggers;

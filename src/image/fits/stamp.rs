@@ -5,8 +5,12 @@
 
 use super::header::{Card, Header};
 use super::write::Cards;
-use crate::image::{ImageCounter, Stamp, TriggerCounter};
+use crate::image::{ExposedBy, ImageCounter, Stamp, TriggerCounter};
 use crate::sky::{ClockQuality, DEG, HOUR, Observer, Utc};
+
+/// What `EXPBY` says of what made the camera expose.
+const EXPOSED_BY: [(ExposedBy, &str); 3] =
+    [(ExposedBy::Asked, "asked"), (ExposedBy::Trigger, "trigger"), (ExposedBy::Itself, "itself")];
 
 /// What a header says of its image. The origin is left empty.
 pub(super) fn from_header(header: &Header) -> Stamp {
@@ -20,6 +24,7 @@ pub(super) fn from_header(header: &Header) -> Stamp {
         trigger: integer(&["TRIGCTR", "COUNTER_FCP", "CT_MCP"]).and_then(|n| u32::try_from(n).ok()).map(TriggerCounter),
         origin: String::new(),
         captured: captured(header, exposure_s),
+        exposed_by: header.text("EXPBY").and_then(|word| EXPOSED_BY.iter().find(|(_, name)| *name == word).map(|(by, _)| *by)),
         exposure_s,
         exposures: integer(&["NEXP"]).and_then(|n| u8::try_from(n).ok()).unwrap_or(1).max(1),
         part: integer(&["EXPNO"]).and_then(|n| u8::try_from(n).ok()),
@@ -42,6 +47,9 @@ pub(super) fn to_cards(stamp: &Stamp, cards: &mut Cards) {
     cards.integer("IMGCTR", stamp.image.0, "number of the image");
     if let Some(trigger) = stamp.trigger {
         cards.integer("TRIGCTR", trigger.0, "number of its series of triggers");
+    }
+    if let Some((_, name)) = EXPOSED_BY.iter().find(|(by, _)| stamp.exposed_by == Some(*by)) {
+        cards.text("EXPBY", name, "what made the camera expose");
     }
     if let Some((middle, quality)) = stamp.captured {
         cards.text("TIMESYS", "UTC", "time scale of the dates");
