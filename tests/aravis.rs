@@ -86,6 +86,7 @@ fn moment() -> Moment {
         uptime: Duration::ZERO,
         utc: Utc::from_calendar(2026, 12, 30, 8, 0, 0.0),
         quality: ClockQuality::FreeRunning,
+        sigma_s: Some(0.5),
         ask: Ask::Expose,
     }
 }

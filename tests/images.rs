@@ -356,7 +356,8 @@ fn a_small_file_that_claims_a_huge_image_is_refused() {
 /// One stamp of any kind that can be written.
 fn stamps() -> impl Strategy<Value = Stamp> {
     let counters = (any::<u32>(), proptest::option::of(any::<u32>()), "[ -~]{0,60}", any::<bool>());
-    let quality = prop_oneof![Just(ClockQuality::Unset), Just(ClockQuality::FreeRunning), Just(ClockQuality::Synchronised)];
+    use ClockQuality::{Chrony, FlightComputer, FreeRunning, Ptp, Synchronised, Unset};
+    let quality = proptest::sample::select(vec![Unset, FreeRunning, Synchronised, FlightComputer, Chrony, Ptp]);
     let time = proptest::option::of((631_152_000.0..3_786_911_999.0, quality));
     let exposure = (proptest::option::of(0.0..1e6_f64), 1..=u8::MAX, proptest::option::of(any::<u8>()));
     let lens = (proptest::option::of(-100.0..100.0_f64), proptest::option::of(any::<i32>()), proptest::option::of(any::<i32>()));
@@ -370,6 +371,9 @@ fn stamps() -> impl Strategy<Value = Stamp> {
             trigger: counters.1.map(TriggerCounter),
             origin: counters.2,
             captured: time.map(|(unix_s, quality)| (Utc::from_unix(unix_s).unwrap(), quality)),
+            // Of a time that is not there nothing is written.
+            captured_sigma_s: time.map(|(unix_s, _)| unix_s.fract()),
+            uptime_s: time.map(|(unix_s, _)| unix_s * 1e-3),
             exposed_by,
             exposure_s: exposure.0,
             exposures: exposure.1,
@@ -505,7 +509,9 @@ fn frames_are_written_for_fitsverify() {
         image: ImageCounter(u32::MAX),
         trigger: Some(TriggerCounter(1600)),
         origin: format!("it's a long name: {}", "x".repeat(100)),
-        captured: Utc::from_calendar(2012, 12, 31, 23, 59, 59.999_999_9).map(|time| (time, ClockQuality::Synchronised)),
+        captured: Utc::from_calendar(2012, 12, 31, 23, 59, 59.999_999_9).map(|time| (time, ClockQuality::FlightComputer)),
+        captured_sigma_s: Some(2.5e-4),
+        uptime_s: Some(86_400.125),
         exposed_by: Some(ExposedBy::Itself),
         exposure_s: Some(1e-7),
         exposures: 4,

@@ -167,8 +167,11 @@ class Solution(Record):
     exposed_by: str | None = None
     # Middle of the exposure, ISO 8601, as written; `captured` is the same as a datetime.
     captured_utc: str | None = None
-    # How far that time can be believed: unset, free_running or synchronised.
+    # How far that time can be believed: unset, free_running, synchronised, flight_computer, chrony or ptp; and one σ of it, s.
     clock: str | None = None
+    captured_sigma_s: float | None = None
+    # The same middle since the program's start, on a clock that never jumps, s.
+    captured_uptime_s: float | None = None
     simulated: bool | None = None
     missing_packets: int | None = None
     missed_frames: int | None = None

@@ -7,7 +7,7 @@
 use super::{Ask, CameraError, Moment, Source};
 use crate::image::{ExposedBy, Frame, Series, Stamp};
 use crate::settings::{CameraSettings, PixelFormat, Trigger};
-use crate::sky::{ClockQuality, RowOrder, Utc};
+use crate::sky::RowOrder;
 use aravis::glib::object::Cast;
 use aravis::prelude::*;
 use aravis::{
@@ -265,14 +265,9 @@ impl Connection {
 
     /// What is known of a frame whose exposure had its middle at this time after the moment, s.
     fn stamp(&self, moment: &Moment, since_s: f64) -> Stamp {
-        let known = moment.utc.filter(|_| moment.quality != ClockQuality::Unset);
-        let middle = known.map(|utc| Utc::from_unix(utc.unix_s() + since_s).unwrap_or(utc));
-        Stamp {
-            captured: middle.map(|utc| (utc, moment.quality)),
-            exposure_s: Some(self.exposure_s),
-            exposures: 1,
-            ..Stamp::default()
-        }
+        let mut stamp = Stamp { exposure_s: Some(self.exposure_s), exposures: 1, ..Stamp::default() };
+        moment.date(since_s, &mut stamp);
+        stamp
     }
 
     /// Names a frame, and counts what was lost before and in it: by the camera's number of it, and by the packets that the driver missed.

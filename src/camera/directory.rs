@@ -177,8 +177,14 @@ mod tests {
 
     fn next(camera: &mut Directory) -> Result<Frame, CameraError> {
         let image = ImageCounter(0);
-        let series =
-            camera.next(&Moment { image, uptime: Duration::ZERO, utc: None, quality: ClockQuality::Unset, ask: Ask::Expose })?;
+        let series = camera.next(&Moment {
+            image,
+            uptime: Duration::ZERO,
+            utc: None,
+            quality: ClockQuality::Unset,
+            sigma_s: None,
+            ask: Ask::Expose,
+        })?;
         Ok(series.sum().unwrap_or_else(|| series.exposures()[0].clone()))
     }
 

@@ -84,7 +84,14 @@ mod tests {
         let mut camera = SimulatedLine::new(Box::new(Plain), Box::new(move || *told.lock().unwrap()));
         let mut next = |pulses: Option<(u32, u32)>, ask| {
             *sent.lock().unwrap() = pulses.map(|(boot, count)| LinePulses { boot, count });
-            let moment = Moment { image: ImageCounter(0), uptime: Duration::ZERO, utc: None, quality: ClockQuality::Unset, ask };
+            let moment = Moment {
+                image: ImageCounter(0),
+                uptime: Duration::ZERO,
+                utc: None,
+                quality: ClockQuality::Unset,
+                sigma_s: None,
+                ask,
+            };
             camera.next(&moment).map(|series| series.exposures()[0].stamp.exposed_by)
         };
         let wait = Ask::Triggered(Duration::from_secs(1));

@@ -19,7 +19,7 @@ pub use line::{LinePulses, SimulatedLine, TellPulses};
 pub use sky::{Gondola, SimulatedSky};
 pub use triggers::{TriggerDecision, TriggerEvent, TriggerWatch};
 
-use crate::image::{ImageCounter, Series};
+use crate::image::{ImageCounter, Series, Stamp};
 use crate::sky::{ClockQuality, Utc};
 use std::time::Duration;
 
@@ -44,8 +44,20 @@ pub struct Moment {
     pub utc: Option<Utc>,
     /// How far that clock can be believed.
     pub quality: ClockQuality,
+    /// One σ of it, s, where it is known.
+    pub sigma_s: Option<f64>,
     /// How it is asked.
     pub ask: Ask,
+}
+
+impl Moment {
+    /// Stamps a frame with the middle of its exposure, so long after this moment, s.
+    pub fn date(&self, since_s: f64, stamp: &mut Stamp) {
+        let known = self.utc.filter(|_| self.quality != ClockQuality::Unset);
+        stamp.captured = known.and_then(|utc| Some((Utc::from_unix(utc.unix_s() + since_s)?, self.quality)));
+        stamp.captured_sigma_s = self.sigma_s.filter(|_| stamp.captured.is_some());
+        stamp.uptime_s = Some(self.uptime.as_secs_f64() + since_s);
+    }
 }
 
 /// Something that gives images, each a series of one or more exposures. May block for as long as one takes.

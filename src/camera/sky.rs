@@ -5,7 +5,7 @@ use crate::catalog::Catalogue;
 use crate::image::Series;
 use crate::settings::{Settings, SimulateSettings};
 use crate::simulate::sky::{Exposure, Kind, RenderSpec, Truth, UnknownKind, render_with};
-use crate::sky::{ARCSEC, Attitude, ClockQuality, DEG, Observer, RowOrder, precess_from_j2000, wrap_two_pi};
+use crate::sky::{ARCSEC, Attitude, DEG, Observer, RowOrder, precess_from_j2000, wrap_two_pi};
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::sync::Arc;
 use std::time::Duration;
@@ -159,7 +159,7 @@ impl Source for SimulatedSky {
         let rendered = render_with(&spec, &self.catalogue, &mut self.exposure)
             .map_err(|error| CameraError::Unavailable(error.to_string()))?;
         let mut frame = rendered.frame;
-        frame.stamp.captured = moment.utc.map(|utc| (utc, moment.quality)).filter(|(_, quality)| *quality != ClockQuality::Unset);
+        moment.date(0.0, &mut frame.stamp);
         frame.stamp.observer = Some(self.gondola.observer(moment.uptime));
         self.truth = Some(rendered.truth);
         Ok(frame.into())
@@ -180,7 +180,7 @@ mod tests {
     use super::*;
     use crate::camera::Ask;
     use crate::image::ImageCounter;
-    use crate::sky::{Utc, horizontal_of, separation};
+    use crate::sky::{ClockQuality, Utc, horizontal_of, separation};
 
     fn settings() -> Settings {
         Settings::flight().unwrap()
@@ -192,6 +192,7 @@ mod tests {
             uptime: Duration::from_secs(seconds),
             utc: Utc::from_calendar(2026, 12, 30, 8, 0, seconds as f64),
             quality: ClockQuality::FreeRunning,
+            sigma_s: None,
             ask: Ask::Expose,
         }
     }

@@ -181,8 +181,14 @@ fn judge(outcome: &Outcome, rendered: &Rendered, took: Duration) -> Verdict {
 
 /// Whether the camera gives a frame of the size that the settings say.
 fn camera(settings: &Settings) -> Verdict {
-    let moment =
-        Moment { image: ImageCounter(0), uptime: Duration::ZERO, utc: None, quality: ClockQuality::Unset, ask: Ask::Expose };
+    let moment = Moment {
+        image: ImageCounter(0),
+        uptime: Duration::ZERO,
+        utc: None,
+        quality: ClockQuality::Unset,
+        sigma_s: None,
+        ask: Ask::Expose,
+    };
     match settings.camera.kind {
         CameraKind::None => Verdict::Bad("camera.kind = \"none\": no image will ever be taken".to_owned()),
         #[cfg(not(feature = "aravis"))]

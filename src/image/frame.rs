@@ -34,6 +34,10 @@ pub struct Stamp {
     pub origin: String,
     /// When it was captured (middle of the exposure), and how far that can be believed.
     pub captured: Option<(Utc, ClockQuality)>,
+    /// One σ of that time, s, where it is known.
+    pub captured_sigma_s: Option<f64>,
+    /// The same middle on a clock that never jumps, s since the start of the program that took it.
+    pub uptime_s: Option<f64>,
     /// What made the camera expose, where that is known.
     pub exposed_by: Option<ExposedBy>,
     /// Exposure time of one exposure, s.

@@ -15,6 +15,7 @@ use crate::camera::{Ask, CameraError, Moment, SimulatedLine, Source, TriggerDeci
 use crate::command::OrderNumber;
 use crate::image::{ExposedBy, Frame, ImageCounter, Series, Stamp};
 use crate::settings::{CameraKind, CameraSettings, Settings};
+use crate::sky::ClockReading;
 use crate::solve::{Outcome, Reason};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -192,8 +193,8 @@ impl CameraActor {
         let uptime = self.clock.tick(at);
         let state = Arc::clone(&self.state.borrow());
         let make = Arc::clone(&self.make);
-        let (utc, quality) = self.clock.utc();
-        let moment = Moment { image, uptime, utc, quality, ask };
+        let ClockReading { utc, quality, sigma_s } = state.time(uptime, self.clock.time());
+        let moment = Moment { image, uptime, utc, quality, sigma_s, ask };
         let source = held.source.take();
         let running = self.left_behind.start();
         let job = tokio::task::spawn_blocking(move || match running {

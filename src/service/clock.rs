@@ -1,17 +1,20 @@
 //! The process's clocks: the one place that asks the machine for UTC.
 //!
 //! Intervals, ages and deadlines come from tokio's monotonic clock, which tests may pause. UTC only stamps, with its
-//! quality; it may be wrong or jump by years, and nothing waits for it.
+//! quality; it may be wrong or jump by years, and nothing waits for it. Where the machine's clock is stepped the time that was held is
+//! carried on ([`Timekeeper`]).
 
-use crate::sky::{ClockQuality, Utc};
+use crate::settings::{ClockReference, ClockSettings};
+use crate::sky::{ClockQuality, ClockReading, Timekeeper, Utc};
 use std::hash::{BuildHasher, Hasher};
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, UNIX_EPOCH};
 use tokio::time::Instant;
 
-/// Where systemd-timesyncd and chrony's `chrony-wait` leave a mark once the clock follows a reference.
+/// Where systemd-timesyncd and chrony's `chrony-wait` leave a mark once the clock follows a reference, and where `ptp4l` has its socket.
 const SYNCHRONISED_MARKS: [&str; 2] = ["/run/systemd/timesync/synchronized", "/run/chrony/synchronized"];
+const PTP_MARKS: [&str; 1] = ["/run/ptp4l"];
 
 /// Monotonic time since the service started, and the number of this start.
 #[derive(Debug, Clone, Copy)]
@@ -20,27 +23,58 @@ pub struct Clock {
     boot_id: u32,
     /// A UTC that is made up, where it is.
     simulated: Option<&'static SimulatedUtc>,
+    /// What sets the machine's clock, and one σ of it, s, where it is known.
+    reference: ClockReference,
+    sigma_s: Option<f64>,
+    /// The time that is held; it lasts as long as the program.
+    keeper: &'static Mutex<Timekeeper>,
 }
 
 /// A UTC that follows the monotonic clock, and can be set.
 #[derive(Debug)]
-pub struct SimulatedUtc(Mutex<(Option<f64>, Instant)>);
+pub struct SimulatedUtc(Mutex<Simulated>);
+
+#[derive(Debug)]
+struct Simulated {
+    unix_s: Option<f64>,
+    at: Instant,
+    quality: ClockQuality,
+    sigma_s: Option<f64>,
+}
 
 impl SimulatedUtc {
     /// One that stands at a Unix time now, s. It lasts as long as the program.
     pub fn begin(unix_s: f64) -> &'static Self {
-        Box::leak(Box::new(Self(Mutex::new((Some(unix_s), Instant::now())))))
+        let simulated = Simulated { unix_s: Some(unix_s), at: Instant::now(), quality: ClockQuality::FreeRunning, sigma_s: None };
+        Box::leak(Box::new(Self(Mutex::new(simulated))))
     }
 
-    /// Sets it to a Unix time, s; `None` for a clock that was never set.
+    /// Sets it to a Unix time, s; `None` for a clock that was never set. It follows nothing then, as with the kernel's.
     pub fn set(&self, unix_s: Option<f64>) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = (unix_s, Instant::now());
+        let (quality, sigma_s) = (ClockQuality::FreeRunning, None);
+        *self.lock() = Simulated { unix_s, at: Instant::now(), quality, sigma_s };
+    }
+
+    /// Has it follow a reference, with one σ in s.
+    pub fn follow(&self, quality: ClockQuality, sigma_s: Option<f64>) {
+        let mut simulated = self.lock();
+        (simulated.quality, simulated.sigma_s) = (quality, sigma_s);
     }
 
     /// The Unix time, s.
     pub fn unix_s(&self) -> Option<f64> {
-        let (unix_s, at) = *self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        unix_s.map(|unix_s| unix_s + at.elapsed().as_secs_f64())
+        let simulated = self.lock();
+        simulated.unix_s.map(|unix_s| unix_s + simulated.at.elapsed().as_secs_f64())
+    }
+
+    fn reading(&self) -> ClockReading {
+        let utc = self.unix_s().and_then(Utc::from_unix);
+        let Simulated { quality, sigma_s, .. } = *self.lock();
+        if utc.is_some() { ClockReading { utc, quality, sigma_s } } else { ClockReading::UNSET }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Simulated> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -49,7 +83,16 @@ impl Clock {
     pub fn start() -> Self {
         // The keys of a hasher are the one random number that the standard library draws from the system.
         let drawn = std::collections::hash_map::RandomState::new().build_hasher().finish();
-        Self { started: Instant::now(), boot_id: drawn as u32, simulated: None }
+        let keeper = Box::leak(Box::default());
+        let (reference, sigma_s) = (ClockReference::Unknown, None);
+        Self { started: Instant::now(), boot_id: drawn as u32, simulated: None, reference, sigma_s, keeper }
+    }
+
+    /// The same, with what the settings say of the machine's clock.
+    #[must_use]
+    pub fn with_reference(self, settings: &ClockSettings) -> Self {
+        let sigma_s = Some(settings.sigma_s).filter(|sigma_s| *sigma_s > 0.0);
+        Self { reference: settings.reference, sigma_s, ..self }
     }
 
     /// The same, with a UTC that is made up.
@@ -58,11 +101,25 @@ impl Clock {
         Self { simulated: Some(simulated), ..self }
     }
 
-    /// UTC now, and how far it can be believed: the machine's, or one that is made up.
-    pub fn utc(&self) -> (Option<Utc>, ClockQuality) {
-        let Some(simulated) = self.simulated else { return utc_now() };
-        let utc = simulated.unix_s().and_then(Utc::from_unix);
-        (utc, if utc.is_some() { ClockQuality::FreeRunning } else { ClockQuality::Unset })
+    /// UTC now, and how far it can be believed: by the machine's clock, or one that is made up, as long as that is not stepped.
+    pub fn time(&self) -> ClockReading {
+        let reading = self.simulated.map_or_else(|| self.machine(), SimulatedUtc::reading);
+        self.keeper.lock().unwrap_or_else(PoisonError::into_inner).read(self.uptime(), reading)
+    }
+
+    /// What the machine's clock says.
+    fn machine(&self) -> ClockReading {
+        let ptp = self.reference == ClockReference::Ptp;
+        let (utc, quality) = if ptp { machine_utc(&PTP_MARKS) } else { utc_now() };
+        if quality != ClockQuality::Synchronised {
+            return ClockReading { utc, quality, sigma_s: None };
+        }
+        let quality = match self.reference {
+            ClockReference::Unknown => quality,
+            ClockReference::Chrony => ClockQuality::Chrony,
+            ClockReference::Ptp => ClockQuality::Ptp,
+        };
+        ClockReading { utc, quality, sigma_s: self.sigma_s }
     }
 
     /// Number drawn at random at this start.
@@ -88,12 +145,16 @@ impl Clock {
 
 /// UTC now and how far it can be believed; no time where the machine's clock is outside the years that make sense.
 pub fn utc_now() -> (Option<Utc>, ClockQuality) {
+    machine_utc(&SYNCHRONISED_MARKS)
+}
+
+fn machine_utc(marks: &[&str]) -> (Option<Utc>, ClockQuality) {
     #[allow(clippy::disallowed_methods, reason = "this is the one place")]
     let since_1970 = std::time::SystemTime::now().duration_since(UNIX_EPOCH).ok();
     let utc = since_1970.and_then(|time| Utc::from_unix(time.as_secs_f64()));
     let quality = match utc {
         None => ClockQuality::Unset,
-        Some(_) if SYNCHRONISED_MARKS.iter().any(|mark| Path::new(mark).exists()) => ClockQuality::Synchronised,
+        Some(_) if marks.iter().any(|mark| Path::new(mark).exists()) => ClockQuality::Synchronised,
         Some(_) => ClockQuality::FreeRunning,
     };
     (utc, quality)

@@ -255,9 +255,9 @@ impl Hub {
         state.heard = at;
         let claims = status.claims_charge;
         let observer = status.observer();
-        if let (Some(ours), Some(theirs)) = (self.clock.utc().0, status.clock.clock_unix_s.get()) {
-            let since = at.elapsed();
-            peer.clock.note(self.clock.tick(at), ours.unix_s() - since.as_secs_f64(), *theirs);
+        if let Some(theirs) = status.clock.clock_unix_s.get() {
+            // Against the clock that never jumps, so that nothing which is done to ours changes it.
+            peer.clock.note(self.clock.tick(at), self.clock.tick(at).as_secs_f64(), *theirs);
         }
         peer.status = Some((Arc::from(status), at));
         self.arbitrate(state, Event::Status { from: computer, claims, uptime, hears_us }, Instant::now());

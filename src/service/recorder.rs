@@ -89,7 +89,7 @@ impl Backlog for Lines {
 
 /// The name of this start's file: the time, where there is one, and the number of the start, so that no two are the same.
 pub fn file_name(clock: &Clock) -> String {
-    let time = clock.utc().0.map_or_else(|| "unset".to_owned(), |utc| utc.to_string().replace(':', "-"));
+    let time = clock.time().utc.map_or_else(|| "unset".to_owned(), |utc| utc.to_string().replace(':', "-"));
     format!("outcomes-{time}-{:08x}.jsonl", clock.boot_id())
 }
 

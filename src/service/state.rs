@@ -12,7 +12,7 @@ use crate::image::{ExposedBy, ImageCounter, TriggerCounter};
 use crate::lens::autofocus::{Autofocus, AutofocusRules, AutofocusStatus, CurvePoint};
 use crate::lens::{AperturePosition, Doubt, FocusCounts, FocusKept, LensCommand, LensState, RequestCounter};
 use crate::settings::{CameraKind, LensKind, ObserverSettings, Settings};
-use crate::sky::{ClockComparison, Observer};
+use crate::sky::{ClockComparison, ClockQuality, ClockReading, Observer, Utc};
 use crate::solve::{Outcome, Prior, Report};
 use crate::wire::Status;
 use crate::wire::legacy::Picture;
@@ -193,7 +193,7 @@ pub struct Peer {
     pub connected: Instant,
     /// Its last status, and when it came.
     pub status: Option<(Arc<Status>, Instant)>,
-    /// Its clock.
+    /// Its clock, against the time since our start.
     pub clock: ClockComparison,
 }
 
@@ -449,6 +449,22 @@ impl State {
     /// The series of triggers that an image captured now belongs to, as the flight computer in charge counts them.
     pub fn trigger(&self) -> Option<TriggerCounter> {
         self.status_in_charge().and_then(Status::trigger)
+    }
+
+    /// UTC at `uptime`, when our clock says `ours`: where that follows no reference, the best of the flight computers' whose does.
+    pub fn time(&self, uptime: Duration, ours: ClockReading) -> ClockReading {
+        if ours.quality.follows() {
+            return ours;
+        }
+        let follows = |status: &Status| status.clock.clock_quality.get().is_some_and(ClockQuality::follows);
+        let theirs = self.peers.iter().filter(|peer| peer.status.as_ref().is_some_and(|(status, _)| follows(status)));
+        let best = theirs.filter_map(|peer| peer.clock.offset(uptime)).min_by(|a, b| a.sigma_s.total_cmp(&b.sigma_s));
+        let utc = best.and_then(|clock| Some((Utc::from_unix(uptime.as_secs_f64() + clock.offset_s)?, clock.sigma_s)));
+        utc.map_or(ours, |(utc, sigma_s)| ClockReading {
+            utc: Some(utc),
+            quality: ClockQuality::FlightComputer,
+            sigma_s: Some(sigma_s),
+        })
     }
 
     /// The trigger pulses that the flight computer in charge says it sent.

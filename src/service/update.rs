@@ -2,8 +2,9 @@
 
 use super::housekeeping;
 use super::session::{Closed, Shared};
-use super::state::{Actor, Counters, State, Triggers};
+use super::state::{Actor, Counters, Peer, State, Triggers};
 use crate::command::{FlightComputer, Refusal};
+use crate::sky::{ClockOffset, ClockReading};
 use crate::wire::{self, Authority, Camera, Clock, Code, CommandReply, Control, Image, Link, List, Maybe, Status, Update};
 use tokio::time::Instant;
 
@@ -39,11 +40,12 @@ pub fn compose(state: &State, shared: &Shared, computer: FlightComputer, sequenc
         series: state.latest.as_ref().map(|finished| wire::Series::new(&finished.report)).into(),
         clocks: clocks(state, shared),
         triggers: triggers(state, now),
+        times: times(state, shared),
     }
 }
 
 fn link(state: &State, shared: &Shared, sequence: u32, record: LinkRecord, now: Instant) -> Link {
-    let (utc, quality) = shared.clock.utc();
+    let ClockReading { utc, quality, .. } = time(state, shared);
     Link {
         sequence: sequence.into(),
         boot_id: shared.clock.boot_id().into(),
@@ -129,9 +131,30 @@ fn counters(counters: &Counters, solving: bool) -> wire::Counters {
     }
 }
 
+/// UTC now.
+fn time(state: &State, shared: &Shared) -> ClockReading {
+    state.time(shared.clock.uptime(), shared.clock.time())
+}
+
+/// The flight computers' clocks, against our own.
 fn clocks(state: &State, shared: &Shared) -> wire::Clocks {
-    let now = shared.clock.uptime();
-    wire::Clocks::new(state.peers.iter().filter_map(|peer| Some((peer.computer.0, peer.clock.offset(now)?))))
+    let (now, ours) = (shared.clock.uptime(), shared.clock.time().utc);
+    let ahead_s = ours.map(|utc| utc.unix_s() - now.as_secs_f64());
+    let offset = |peer: &Peer| {
+        let offset = peer.clock.offset(now)?;
+        Some((peer.computer.0, ClockOffset { offset_s: offset.offset_s - ahead_s?, ..offset }))
+    };
+    wire::Clocks::new(state.peers.iter().filter_map(offset))
+}
+
+/// How well the times are known.
+fn times(state: &State, shared: &Shared) -> wire::Times {
+    let stamp = state.latest.as_ref().map(|finished| &finished.outcome.stamp);
+    wire::Times {
+        clock_sigma_s: time(state, shared).sigma_s.into(),
+        captured_sigma_s: stamp.and_then(|stamp| stamp.captured_sigma_s).into(),
+        captured_uptime_s: stamp.and_then(|stamp| stamp.uptime_s).into(),
+    }
 }
 
 /// What makes the camera expose.

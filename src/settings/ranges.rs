@@ -59,6 +59,7 @@ const U32_MAX: i64 = u32::MAX as i64;
 const PATH_BYTES: usize = 4096;
 const CAMERAS: &[&str] = &["directory", "sky", "aravis", "none"];
 const TRIGGERS: &[&str] = &["software", "free", "line0", "line1", "line2", "line3"];
+const CLOCK_REFERENCES: &[&str] = &["unknown", "chrony", "ptp"];
 const PIXEL_FORMATS: &[&str] = &["mono8", "mono10", "mono12", "mono14", "mono16"];
 const LENSES: &[&str] = &["serial", "simulated", "none"];
 const FRAMES: &[&str] = &[
@@ -324,6 +325,8 @@ pub(super) const RULES: &[Rule] = &[
     number("service.restart_delay_s", "s", 0.001, 60.0),
     number("service.restart_delay_max_s", "s", 0.001, 3600.0),
     number("service.hang_s", "s", 2.0, 3600.0),
+    word("clock.reference", Kind::Choice(CLOCK_REFERENCES)),
+    number("clock.sigma_s", "s", 0.0, 100.0),
 ];
 
 /// The rule of a key.

@@ -42,6 +42,8 @@ pub struct Settings {
     pub housekeeping: HousekeepingSettings,
     /// How the service looks after itself.
     pub service: ServiceSettings,
+    /// The computer's clock.
+    pub clock: ClockSettings,
 }
 
 /// What produces frames.
@@ -90,6 +92,18 @@ impl Trigger {
     pub fn is_line(self) -> bool {
         !matches!(self, Self::Software | Self::Free)
     }
+}
+
+/// What sets the computer's clock.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ClockReference {
+    /// Nothing more is known than whether it is set.
+    Unknown,
+    /// chrony.
+    Chrony,
+    /// PTP, with linuxptp's `ptp4l` and `phc2sys`.
+    Ptp,
 }
 
 /// What a real camera sends for a pixel: so many bits, in a byte or in two.
@@ -789,4 +803,14 @@ pub struct ServiceSettings {
     pub restart_delay_max_s: f64,
     /// A part of the program that does not come round for this long hangs, and is started again, s.
     pub hang_s: f64,
+}
+
+/// Section `[clock]`: the computer's clock.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClockSettings {
+    /// What sets it.
+    pub reference: ClockReference,
+    /// One σ of it while it follows its reference, s; 0: not known.
+    pub sigma_s: f64,
 }

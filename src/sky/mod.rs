@@ -14,6 +14,7 @@ mod camera;
 mod clocks;
 mod horizontal;
 mod time;
+mod timekeeper;
 mod vectors;
 
 pub use angle::{ARCSEC, DEG, HOUR, direction, ra_dec, separation, wrap_pi, wrap_two_pi};
@@ -23,6 +24,7 @@ pub use camera::{CameraModel, RowOrder};
 pub use clocks::{ClockComparison, ClockOffset};
 pub use horizontal::{Horizontal, Observer, horizontal_of, precess_from_j2000};
 pub use time::{ClockQuality, Utc};
+pub use timekeeper::{ClockReading, Timekeeper};
 pub(crate) use vectors::{Kernel, with_vectors};
 
 /// A direction on the sky or in the camera, a unit vector unless said otherwise.

@@ -8,8 +8,21 @@ pub enum ClockQuality {
     Unset,
     /// It was set once and runs by itself.
     FreeRunning,
-    /// It follows a reference.
+    /// It follows a reference, of which nothing more is known.
     Synchronised,
+    /// It is a flight computer's, whose own follows a reference, carried over by what it sends.
+    FlightComputer,
+    /// It follows NTP servers or a receiver of time signals by way of chrony.
+    Chrony,
+    /// It follows a clock on the network by PTP.
+    Ptp,
+}
+
+impl ClockQuality {
+    /// Whether it follows a reference of its own.
+    pub fn follows(self) -> bool {
+        matches!(self, Self::Synchronised | Self::Chrony | Self::Ptp)
+    }
 }
 
 /// A UTC instant inside the years in which this program can make sense of a clock, 1990 to 2090.

@@ -28,6 +28,10 @@ pub struct Report {
     pub captured_utc: Option<String>,
     /// How far that time can be believed.
     pub clock: Option<ClockQuality>,
+    /// One σ of that time.
+    pub captured_sigma_s: Option<f64>,
+    /// The same middle since the start of the program that took it, on a clock that never jumps.
+    pub captured_uptime_s: Option<f64>,
     /// Rendered, or taken while camera or lens are simulated.
     pub simulated: bool,
     /// Packets of the image that never came: where they belong its pixels are 0.
@@ -306,6 +310,8 @@ impl Report {
             exposed_by: stamp.exposed_by,
             captured_utc: stamp.captured.map(|(utc, _)| utc.to_string()),
             clock: stamp.captured.map(|(_, quality)| quality),
+            captured_sigma_s: stamp.captured_sigma_s.and_then(finite),
+            captured_uptime_s: stamp.uptime_s.and_then(finite),
             simulated: stamp.simulated,
             missing_packets: stamp.missing_packets,
             missed_frames: stamp.missed_frames,

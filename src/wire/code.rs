@@ -120,6 +120,9 @@ codes!(ClockQuality {
     1 Unset "unset",
     2 FreeRunning "free_running",
     3 Synchronised "synchronised",
+    4 FlightComputer "flight_computer",
+    5 Chrony "chrony",
+    6 Ptp "ptp",
 });
 
 #[cfg(test)]

@@ -28,9 +28,12 @@ struct LaterCodes {
     instead: Option<u8>,
 }
 
-const LATER_CODES: [LaterCodes; 2] = [
+const LATER_CODES: [LaterCodes; 4] = [
     LaterCodes { field: "last_refusal", since: 2, last: 9, instead: None },
     LaterCodes { field: "mode", since: 3, last: 2, instead: Some(2) },
+    // What a clock follows is not told: it is synchronised.
+    LaterCodes { field: "clock_quality", since: 3, last: 3, instead: Some(3) },
+    LaterCodes { field: "captured_quality", since: 3, last: 3, instead: Some(3) },
 ];
 /// A stream that goes on for this long without one whole frame is none of ours, bytes.
 pub const MAX_GARBAGE: usize = MAX_FRAME;

@@ -29,6 +29,7 @@ mod series;
 mod status;
 #[cfg(test)]
 mod tests;
+mod times;
 mod transfer;
 mod triggers;
 mod update;
@@ -49,6 +50,7 @@ pub use message::{
 pub use refuse::{Refusal, Refuse};
 pub use series::{Series, SeriesStart};
 pub use status::{EquatorialEstimate, HorizontalEstimate, ObserverPart, Status};
+pub use times::Times;
 pub use transfer::{CHUNK_BYTES, ImageChunk, ImageForm, ImageRefusal, ImageRequest, NoImage, Wanted};
 pub use triggers::Triggers;
 pub use update::{

@@ -7,6 +7,7 @@ use super::health::Health;
 use super::instrument::{Focus, Lens};
 use super::series::Series;
 use super::status::ObserverPart;
+use super::times::Times;
 use super::triggers::Triggers;
 use super::{Coded, I32Le, List, Maybe, Text, U16Le, U32Le};
 use crate::command::Refusal;
@@ -42,6 +43,8 @@ body! {
         clocks: Clocks => "";
         /// What makes the camera expose. From version 3 on.
         triggers: Triggers => "";
+        /// How well times are known. From version 3 on.
+        times: Times => "";
     }
 }
 

@@ -132,6 +132,7 @@ fn update(image: Option<Image>) -> Update {
         series: known.then(series).into(),
         clocks: if known { clocks() } else { Clocks::default() },
         triggers: if known { triggers() } else { Triggers::default() },
+        times: if known { times() } else { Times::default() },
     }
 }
 
@@ -141,6 +142,14 @@ fn triggers() -> Triggers {
         last_triggered_age_s: Some(123.4375).into(),
         triggers_stayed_away: 70_014.into(),
         image_exposed_by: Some(Coded::from(ExposedBy::Trigger)).into(),
+    }
+}
+
+fn times() -> Times {
+    Times {
+        clock_sigma_s: Some(0.001953125).into(),
+        captured_sigma_s: Some(0.00390625).into(),
+        captured_uptime_s: Some(1233.75).into(),
     }
 }
 

@@ -21,5 +21,6 @@ mod program;
 mod records;
 mod sessions;
 mod support;
+mod time;
 mod transfer;
 mod triggers;

@@ -24,6 +24,8 @@ pub(super) fn from_header(header: &Header) -> Stamp {
         trigger: integer(&["TRIGCTR", "COUNTER_FCP", "CT_MCP"]).and_then(|n| u32::try_from(n).ok()).map(TriggerCounter),
         origin: String::new(),
         captured: captured(header, exposure_s),
+        captured_sigma_s: known(&["CLKSIGMA"]).and_then(|card| card.number()).filter(|&s| s >= 0.0),
+        uptime_s: known(&["UPTIME"]).and_then(|card| card.number()),
         exposed_by: header.text("EXPBY").and_then(|word| EXPOSED_BY.iter().find(|(_, name)| *name == word).map(|(by, _)| *by)),
         exposure_s,
         exposures: integer(&["NEXP"]).and_then(|n| u8::try_from(n).ok()).unwrap_or(1).max(1),
@@ -58,7 +60,15 @@ pub(super) fn to_cards(stamp: &Stamp, cards: &mut Cards) {
             cards.text("DATE-OBS", &microseconds(start), "start of the exposure");
         }
         cards.text("DATE-AVG", &microseconds(middle), "middle of the exposure");
-        cards.text("CLOCK", clock_name(quality), "quality of the clock");
+        if let Some((_, name)) = CLOCKS.iter().find(|(of, _)| *of == quality) {
+            cards.text("CLOCK", name, "quality of the clock");
+        }
+        if let Some(sigma) = stamp.captured_sigma_s {
+            cards.real("CLKSIGMA", sigma, "[s] one sigma of the dates");
+        }
+    }
+    if let Some(uptime) = stamp.uptime_s {
+        cards.real("UPTIME", uptime, "[s] middle, since the program's start");
     }
     if let Some(exposure) = stamp.exposure_s {
         cards.real("EXPTIME", exposure, "[s] one exposure");
@@ -114,9 +124,8 @@ fn observer(latitude: Option<Card>, sidereal_time: Option<Card>) -> Option<Obser
 /// Middle of the exposure: `DATE-AVG`, or the start `DATE-OBS` and half an exposure.
 fn captured(header: &Header, exposure_s: Option<f64>) -> Option<(Utc, ClockQuality)> {
     let said = header.text("CLOCK");
-    let known = [ClockQuality::Unset, ClockQuality::Synchronised].into_iter();
-    let quality = known.into_iter().find(|&quality| said.as_deref() == Some(clock_name(quality)));
-    let quality = quality.unwrap_or(ClockQuality::FreeRunning);
+    let quality =
+        CLOCKS.iter().find(|(_, name)| said.as_deref() == Some(name)).map_or(ClockQuality::FreeRunning, |(quality, _)| *quality);
     let middle = header.text("DATE-AVG").and_then(|text| Utc::parse(&text));
     let from_start = || {
         let start = header.text("DATE-OBS").and_then(|text| Utc::parse(&text))?;
@@ -126,13 +135,14 @@ fn captured(header: &Header, exposure_s: Option<f64>) -> Option<(Utc, ClockQuali
 }
 
 /// What `CLOCK` says of a clock.
-fn clock_name(quality: ClockQuality) -> &'static str {
-    match quality {
-        ClockQuality::Unset => "unset",
-        ClockQuality::FreeRunning => "free-running",
-        ClockQuality::Synchronised => "synchronised",
-    }
-}
+const CLOCKS: [(ClockQuality, &str); 6] = [
+    (ClockQuality::Unset, "unset"),
+    (ClockQuality::FreeRunning, "free-running"),
+    (ClockQuality::Synchronised, "synchronised"),
+    (ClockQuality::FlightComputer, "flight-computer"),
+    (ClockQuality::Chrony, "chrony"),
+    (ClockQuality::Ptp, "ptp"),
+];
 
 /// ISO 8601 to the microsecond: what a double of seconds since 1970 holds.
 fn microseconds(time: Utc) -> String {

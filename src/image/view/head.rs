@@ -140,7 +140,8 @@ impl ViewHead {
         let quality = stamp.captured.map_or(0, |(_, quality)| match quality {
             ClockQuality::Unset => 1,
             ClockQuality::FreeRunning => 2,
-            ClockQuality::Synchronised => 3,
+            // Two bits have no word for what it follows.
+            _ => 3,
         });
         let mut out = vec![super::packet::Part::Head.code()];
         out.put_u16_le(flags | quality << QUALITY_SHIFT);
