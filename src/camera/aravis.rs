@@ -87,6 +87,17 @@ impl Source for AravisCamera {
         Ok(())
     }
 
+    fn exposure(&mut self) -> Result<f64, CameraError> {
+        Ok(self.opened()?.exposure_s)
+    }
+
+    fn set_exposure(&mut self, exposure_s: f64) -> Result<(), CameraError> {
+        self.opened()?.set_exposure(exposure_s)?;
+        // Also after it was away.
+        self.settings.exposure_s = exposure_s;
+        Ok(())
+    }
+
     fn temperature(&mut self) -> Option<f64> {
         let camera = &self.open.as_ref()?.camera;
         let offered = camera.is_feature_available("DeviceTemperature").unwrap_or(false);
@@ -335,6 +346,13 @@ impl Connection {
     fn set_gain(&self, gain_db: f64) -> Result<(), CameraError> {
         self.gain()?;
         self.camera.set_gain(gain_db).map_err(|error| self.refused(&format!("does not take a gain of {gain_db} dB"), &error))
+    }
+
+    fn set_exposure(&mut self, exposure_s: f64) -> Result<(), CameraError> {
+        let refused = |error| self.refused(&format!("does not take an exposure of {exposure_s} s"), &error);
+        self.camera.set_exposure_time(exposure_s * 1e6).map_err(refused)?;
+        self.exposure_s = self.camera.exposure_time().map_err(refused)? * 1e-6;
+        Ok(())
     }
 
     /// Ends it beside everything else: a camera that is away is waited for at each step of it, for seconds.

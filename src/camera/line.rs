@@ -56,6 +56,14 @@ impl Source for SimulatedLine {
         self.inner.set_gain(gain_db)
     }
 
+    fn exposure(&mut self) -> Result<f64, CameraError> {
+        self.inner.exposure()
+    }
+
+    fn set_exposure(&mut self, exposure_s: f64) -> Result<(), CameraError> {
+        self.inner.set_exposure(exposure_s)
+    }
+
     fn temperature(&mut self) -> Option<f64> {
         self.inner.temperature()
     }

@@ -7,6 +7,7 @@
 
 #[cfg(feature = "aravis")]
 mod aravis;
+mod auto_exposure;
 mod directory;
 mod line;
 mod sky;
@@ -14,6 +15,7 @@ mod triggers;
 
 #[cfg(feature = "aravis")]
 pub use aravis::AravisCamera;
+pub use auto_exposure::{Light, Look, next_light};
 pub use directory::Directory;
 pub use line::{LinePulses, SimulatedLine, TellPulses};
 pub use sky::{Gondola, SimulatedSky};
@@ -88,6 +90,25 @@ pub trait Source: Send {
         Err(CameraError::NoGain)
     }
 
+    /// The time of one exposure that the camera has, s.
+    ///
+    /// # Errors
+    ///
+    /// Where it has none that can be read.
+    fn exposure(&mut self) -> Result<f64, CameraError> {
+        Err(CameraError::NoExposure)
+    }
+
+    /// Sets the time of one exposure, s; [`Self::exposure`] tells what came of it.
+    ///
+    /// # Errors
+    ///
+    /// Where it has none that can be set, or refuses this one.
+    fn set_exposure(&mut self, exposure_s: f64) -> Result<(), CameraError> {
+        let _ = exposure_s;
+        Err(CameraError::NoExposure)
+    }
+
     /// The camera's own temperature, °C, where it is open and offers one.
     fn temperature(&mut self) -> Option<f64> {
         None
@@ -111,6 +132,9 @@ pub enum CameraError {
     /// The camera has no gain that can be read or set.
     #[error("this camera has no gain")]
     NoGain,
+    /// The camera has no exposure that can be read or set.
+    #[error("this camera has no exposure that can be set")]
+    NoExposure,
     /// No image can be had for now.
     #[error("{0}")]
     Unavailable(String),

@@ -10,6 +10,9 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use std::sync::Arc;
 use std::time::Duration;
 
+/// The exposure that rendered frames are made for, s: the program's that flew. Another one changes their light.
+const NOMINAL_EXPOSURE_S: f64 = 0.12;
+
 /// A gondola: where it stands and how it moves. All angles in rad.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gondola {
@@ -72,8 +75,9 @@ pub struct SimulatedSky {
     exposure: Exposure,
     truth: Option<Truth>,
     lens: Option<LensFocus>,
-    /// Gain, dB: what a camera would report. It changes no pixel.
+    /// Gain, dB, and the time of one exposure, s.
     gain_db: f64,
+    exposure_s: f64,
 }
 
 /// Where a simulated lens truly is, counts, and what follows for the stars.
@@ -109,7 +113,8 @@ impl SimulatedSky {
             exposure: Exposure::default(),
             truth: None,
             lens: None,
-            gain_db: 0.0,
+            gain_db: settings.camera.gain_db,
+            exposure_s: settings.camera.exposure_s,
         })
     }
 
@@ -154,12 +159,15 @@ impl Source for SimulatedSky {
             attitude: self.gondola.attitude(moment.uptime, year),
             epoch_yr: year.unwrap_or(self.spec.epoch_yr),
             disc_px: self.lens.as_ref().map(LensFocus::disc_px),
+            light: self.exposure_s / NOMINAL_EXPOSURE_S,
+            gain: 10_f64.powf(self.gain_db / 20.0),
             ..self.spec.clone()
         };
         let rendered = render_with(&spec, &self.catalogue, &mut self.exposure)
             .map_err(|error| CameraError::Unavailable(error.to_string()))?;
         let mut frame = rendered.frame;
         moment.date(0.0, &mut frame.stamp);
+        frame.stamp.exposure_s = Some(self.exposure_s);
         frame.stamp.observer = Some(self.gondola.observer(moment.uptime));
         self.truth = Some(rendered.truth);
         Ok(frame.into())
@@ -171,6 +179,15 @@ impl Source for SimulatedSky {
 
     fn set_gain(&mut self, gain_db: f64) -> Result<(), CameraError> {
         self.gain_db = gain_db;
+        Ok(())
+    }
+
+    fn exposure(&mut self) -> Result<f64, CameraError> {
+        Ok(self.exposure_s)
+    }
+
+    fn set_exposure(&mut self, exposure_s: f64) -> Result<(), CameraError> {
+        self.exposure_s = exposure_s;
         Ok(())
     }
 }
@@ -225,6 +242,33 @@ mod tests {
         let gondola = Gondola::new(&still);
         let [a, b] = [0, 3600].map(|s| gondola.attitude(Duration::from_secs(s), None).unwrap().boresight());
         assert!((separation(&a, &b) / DEG - 15.041).abs() < 1e-3);
+    }
+
+    #[test]
+    fn exposure_and_gain_change_the_light_its_noise_and_the_stamp() {
+        let mut small = settings();
+        (small.camera.width_px, small.camera.height_px) = (256, 192);
+        let mut sky = SimulatedSky::new(&small, Arc::new(Catalogue::embedded().unwrap())).unwrap();
+        let mut seen = |exposure_s: f64, gain_db: f64| {
+            sky.set_exposure(exposure_s).unwrap();
+            sky.set_gain(gain_db).unwrap();
+            assert_eq!((sky.exposure(), sky.gain()), (Ok(exposure_s), Ok(gain_db)));
+            let frame = sky.next(&moment(7, 40)).unwrap().exposures()[0].clone();
+            assert_eq!(frame.stamp.exposure_s, Some(exposure_s));
+            let mut cells = crate::image::CellStatistics::default();
+            cells.measure(&frame, None);
+            // Over the bias of 100 ADU that the rendered camera has.
+            (cells.image_mean - 100.0, cells.image_noise)
+        };
+        let (mean, noise) = seen(0.12, 0.0);
+        let (twice, noise_of_twice) = seen(0.24, 0.0);
+        assert!((twice / mean - 2.0).abs() < 0.02, "{twice} ADU in twice the time, {mean} before");
+        assert!((1.2..1.9).contains(&(noise_of_twice / noise)), "its noise grows as photons' does: {noise_of_twice} of {noise}");
+        let (gained, noise_of_gained) = seen(0.12, 6.0);
+        assert!(
+            (gained / mean - 1.995).abs() < 0.02 && (noise_of_gained / noise - 1.995).abs() < 0.1,
+            "{gained}, {noise_of_gained}"
+        );
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The camera's actor: asks the source for a frame on its schedule, stamps it, and hands it to the solver.
 
 use super::archive::{self, ToArchive};
+use super::auto::{self, Auto, Wanted};
 use super::clock::Clock;
 use super::housekeeping::Quantity;
 use super::hub::{self, ToHub};
@@ -86,6 +87,8 @@ struct Held {
     triggers: TriggerWatch,
     /// When to look again for what a trigger made.
     look: Instant,
+    /// Exposure and gain by what frames show.
+    auto: Auto,
 }
 
 /// What the blocking pool gives back: the source for the next time, and the image.
@@ -106,6 +109,13 @@ struct Taken {
     sum: Option<Frame>,
 }
 
+impl Shot {
+    /// No image, and why.
+    fn none(source: Option<Box<dyn Source>>, why: String) -> Self {
+        Self { source, gain_db: None, temperature_c: None, image: Err(CameraError::Unavailable(why)) }
+    }
+}
+
 impl CameraActor {
     /// Runs until stopped.
     pub async fn run(self, pulse: Pulse) -> Result<(), Ended> {
@@ -121,13 +131,16 @@ impl CameraActor {
         schedule.set_missed_tick_behavior(MissedTickBehavior::Skip);
         let triggers =
             TriggerWatch::new(camera, self.state.borrow().triggers.exposing, self.clock.tick(first.max(Instant::now())));
-        let mut held = Held { source: None, triggers, look: first };
+        let mut held = Held { source: None, triggers, look: first, auto: Auto::default() };
         let mut inbox = self.inbox.open().await;
         loop {
             tokio::select! {
                 biased;
                 () = self.stop.cancelled() => return Ok(()),
-                Some(request) = inbox.recv() => held.source = self.answer(held.source.take(), request).await?,
+                Some(request) = inbox.recv() => {
+                    held.auto.note_request(&request);
+                    held.source = self.answer(held.source.take(), request).await?;
+                }
                 _ = schedule.tick(), if held.triggers.exposing() != ExposedBy::Trigger => {
                     pulse.give_up(self.left_behind.too_many());
                     self.take_one(&mut held, Ask::Expose).await?;
@@ -196,10 +209,11 @@ impl CameraActor {
         let ClockReading { utc, quality, sigma_s } = state.time(uptime, self.clock.time());
         let moment = Moment { image, uptime, utc, quality, sigma_s, ask };
         let source = held.source.take();
+        let light = held.auto.next(&state);
         let running = self.left_behind.start();
         let job = tokio::task::spawn_blocking(move || match running {
-            Some(_running) => shoot(source, &make, &moment),
-            None => Shot { source, gain_db: None, temperature_c: None, image: Err(CameraError::Unavailable(HANGS.to_owned())) },
+            Some(_running) => shoot(source, &make, &moment, light),
+            None => Shot::none(source, HANGS.to_owned()),
         });
         let Some(shot) = self.stop.run_until_cancelled(job).await else { return Ok(()) };
         let Shot { source, gain_db, temperature_c, image: taken } = shot.map_err(|error| Ended(panic_message(error)))?;
@@ -221,6 +235,7 @@ impl CameraActor {
                 let exposures: Vec<Arc<Frame>> = series.into_exposures().into_iter().map(Arc::new).collect();
                 // Before anything is waited for: whatever becomes of this actor, the exposures are where they are kept.
                 let lost = self.keep(&state, &exposures);
+                held.auto.note(sum.as_ref().or_else(|| exposures.first().map(|frame| &**frame)));
                 let Some(frame) = sum.map(Arc::new).or_else(|| exposures.first().cloned()) else { return Ok(()) };
                 if frame.stamp.exposed_by == Some(ExposedBy::Trigger) {
                     self.watch(&mut held.triggers, TriggerEvent::Triggered).await;
@@ -325,16 +340,19 @@ pub fn on_line(make: MakeSource, settings: &CameraSettings, state: &watch::Recei
 }
 
 /// One image, on the blocking pool. A source that panics over an image has lost that image and is asked for the next one.
-fn shoot(source: Option<Box<dyn Source>>, make: &MakeSource, moment: &Moment) -> Shot {
+fn shoot(source: Option<Box<dyn Source>>, make: &MakeSource, moment: &Moment, light: Option<Wanted>) -> Shot {
     let (made, is_new) = match source {
         Some(source) => (Ok(source), false),
         None => (make(), true),
     };
     let mut source = match made {
         Ok(source) => source,
-        Err(why) => return Shot { source: None, gain_db: None, temperature_c: None, image: Err(CameraError::Unavailable(why)) },
+        Err(why) => return Shot::none(None, why),
     };
-    let gain_db = if is_new { source.gain().ok() } else { None };
+    if let Some(light) = light {
+        auto::set(source.as_mut(), light);
+    }
+    let gain_db = if is_new || light.is_some() { source.gain().ok() } else { None };
     let series = catch_unwind(AssertUnwindSafe(|| source.next(moment))).unwrap_or_else(|panic| {
         let problem = format!("the camera panicked: {}", panic_text(panic.as_ref()));
         Err(CameraError::Unreadable { origin: format!("image {}", moment.image.0), problem })

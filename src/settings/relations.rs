@@ -7,6 +7,9 @@ use toml::Value;
 
 /// Pairs of which the first must be below the second, or (true) may equal it.
 const ORDERED: &[(&str, &str, bool)] = &[
+    ("auto_exposure.sky_low", "auto_exposure.sky_high", false),
+    ("auto_exposure.exposure_min_s", "auto_exposure.exposure_max_s", true),
+    ("auto_exposure.gain_min_db", "auto_exposure.gain_max_db", true),
     ("lens.simulated.start_counts", "lens.simulated.range_counts", true),
     ("focus.search_min_counts", "focus.search_max_counts", false),
     ("focus.backlash_counts", "focus.refocus_counts", false),

@@ -12,6 +12,8 @@ use serde::{Deserialize, Serialize};
 pub struct Settings {
     /// The camera: where frames come from and how they are laid out.
     pub camera: CameraSettings,
+    /// Exposure and gain by what frames show.
+    pub auto_exposure: AutoExposureSettings,
     /// The simulated sky that `camera.kind = "sky"` looks at.
     pub simulate: SimulateSettings,
     /// A brighter sky than there is.
@@ -189,6 +191,30 @@ pub struct CameraSettings {
     pub full_scale_adu: u32,
     /// ADU per electron at 0 dB, to which a measured gain is compared.
     pub ideal_gain_adu_per_e: f64,
+}
+
+/// Section `[auto_exposure]`: exposure and gain by what frames show.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AutoExposureSettings {
+    /// Whether it is done.
+    pub enabled: bool,
+    /// The frame's mean is kept above this, of its full scale, unless there are enough sources.
+    pub sky_low: f64,
+    /// And below this.
+    pub sky_high: f64,
+    /// More saturated pixels than this, of all, and there is too much light.
+    pub saturated_max: f64,
+    /// With so many sources found there is enough light.
+    pub enough_sources: u32,
+    /// Bounds of one exposure, s.
+    pub exposure_min_s: f64,
+    /// See [`Self::exposure_min_s`].
+    pub exposure_max_s: f64,
+    /// Bounds of the gain, dB.
+    pub gain_min_db: f64,
+    /// See [`Self::gain_min_db`].
+    pub gain_max_db: f64,
 }
 
 /// Section `[simulate]`: the rendered sky of `camera.kind = "sky"`.

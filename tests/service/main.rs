@@ -16,6 +16,7 @@ mod disk;
 mod display;
 mod housekeeping;
 mod images;
+mod light;
 mod motion;
 mod program;
 mod records;

@@ -67,6 +67,10 @@ pub struct RenderSpec {
     pub photon_bound: bool,
     /// One exposure of a series whose motion is given.
     pub part: Option<Part>,
+    /// By what all light is multiplied before it is read out, as by another time of exposure.
+    pub light: f64,
+    /// By what the camera multiplies what it reads out.
+    pub gain: f64,
 }
 
 /// One exposure of a series: instead of the mean of four exposures, and of the motion and the brightness that the kind draws.
@@ -138,6 +142,8 @@ impl RenderSpec {
             camera: None,
             photon_bound: true,
             part: None,
+            light: 1.0,
+            gain: 1.0,
         }
     }
 
@@ -258,6 +264,9 @@ pub fn render_with(spec: &RenderSpec, catalogue: &Catalogue, exposure: &mut Expo
             let light = &mut exposure.light;
             scene.flaws.paint_lasting(light, width, sensor.sum_over_mean, &mut spec.camera_dice(Purpose::HotPixels));
             scene.flaws.paint_tracks(light, width, sensor.sum_over_mean, &mut spec.exposure_dice(Purpose::Events));
+            let sensor = sensor.with_gain(spec.gain);
+            let adu = (spec.light * spec.gain) as f32;
+            light.iter_mut().for_each(|light| *light *= adu);
             if sensor.overflows {
                 sensor.overflow(light, width);
             }

@@ -75,6 +75,11 @@ impl Sensor {
         }
     }
 
+    /// The same with a gain on what is read out.
+    pub fn with_gain(&self, gain: f64) -> Self {
+        Self { electrons_per_adu: self.electrons_per_adu / gain, ..self.clone() }
+    }
+
     /// Exposures in the written frame.
     pub fn exposures(&self) -> u8 {
         self.exposures
