@@ -84,7 +84,7 @@ impl Solve for Solver {
     fn solve(&mut self, frame: &Frame, _: &Prior, _: &dyn Watch) -> Outcome {
         if let Some(bad_pixels) = &self.bad_pixels {
             let mut mended = frame.clone();
-            bad_pixels.apply(&mut mended.pixels, WIDTH, HEIGHT);
+            bad_pixels.apply(&mut mended);
             black_box(&mended);
         }
         let now = Instant::now();

@@ -1,5 +1,6 @@
 //! Lists of bad pixels: any text is a list or an error, and any list can be applied to any image.
-use stars::image::BadPixels;
+use stars::image::{BadPixels, Frame};
+use stars::sky::RowOrder;
 
 const WIDTH: usize = 24;
 const HEIGHT: usize = 16;
@@ -8,7 +9,9 @@ const HEIGHT: usize = 16;
 pub fn check(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
     if let Ok(list) = BadPixels::parse("fuzz", text) {
-        let mut pixels: Vec<u16> = (0..(WIDTH * HEIGHT) as u16).collect();
-        assert!(list.apply(&mut pixels, WIDTH, HEIGHT) <= list.len());
+        for rows in [RowOrder::BottomFirst, RowOrder::TopFirst] {
+            let frame = Frame::new(WIDTH, HEIGHT, (0..(WIDTH * HEIGHT) as u16).collect(), rows);
+            assert!(frame.is_some_and(|mut frame| list.apply(&mut frame) <= list.len()));
+        }
     }
 }

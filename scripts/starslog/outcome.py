@@ -181,6 +181,8 @@ class Solution(Record):
     # Encoder counts, where the lens stood still for the image; an aperture of 0 is open.
     focus_counts: int | None = None
     aperture_counts: int | None = None
+    # Which end of the picture the first row is, from which the rows of sources are counted: bottom_first or top_first.
+    row_order: str | None = None
     # Of the camera, as it tells it itself, and of the lens, °C.
     temperature_camera_c: float | None = None
     temperature_lens_c: float | None = None

@@ -4,7 +4,8 @@
 //! so that a star that passes is one frame of many; and sensitivities that differ a little from pixel to pixel, which average to something
 //! too, are told from hot pixels by how far all pixels scatter.
 
-use crate::sky::{Attitude, separation};
+use crate::image::Frame;
+use crate::sky::{Attitude, RowOrder, separation};
 
 /// What a single frame counts at most, σ.
 const MOST_SIGMAS: f64 = 5.0;
@@ -27,7 +28,7 @@ const MOST_AT_A_PLACE: f64 = 0.25;
 pub struct HotPixels {
     width: usize,
     height: usize,
-    /// σ, each frame's limited.
+    /// σ, each frame's limited; the picture's bottom row first.
     sums: Vec<f32>,
     frames: usize,
     /// What the present frame has above the neighbours, ADU.
@@ -42,17 +43,28 @@ impl HotPixels {
     }
 
     /// Takes a frame in; `false` for one of another size, or without any noise, of which nothing is taken.
-    pub fn add(&mut self, pixels: &[u16], width: usize, height: usize) -> bool {
-        if (width, height) != (self.width, self.height) || pixels.len() != self.excess.len() {
+    pub fn add(&mut self, frame: &Frame) -> bool {
+        if (frame.width, frame.height) != (self.width, self.height) || frame.pixels.len() != self.excess.len() {
             return false;
         }
-        self.compare(pixels);
+        self.compare(&frame.pixels);
         let mut sample: Vec<i32> = self.excess.iter().step_by(SAMPLE).map(|excess| excess.abs()).collect();
         let sigma = MAD_TO_SIGMA * f64::from(median(&mut sample));
         if !(sigma > 0.0) {
             return false;
         }
-        for (sum, &excess) in self.sums.iter_mut().zip(&self.excess) {
+        let (mut bottom_first, mut top_first);
+        let rows: &mut dyn Iterator<Item = &[i32]> = match frame.rows {
+            RowOrder::BottomFirst => {
+                bottom_first = self.excess.chunks_exact(self.width);
+                &mut bottom_first
+            }
+            RowOrder::TopFirst => {
+                top_first = self.excess.chunks_exact(self.width).rev();
+                &mut top_first
+            }
+        };
+        for (sum, &excess) in self.sums.iter_mut().zip(rows.flatten()) {
             *sum += (f64::from(excess) / sigma).clamp(-MOST_SIGMAS, MOST_SIGMAS) as f32;
         }
         self.frames += 1;
@@ -67,17 +79,12 @@ impl HotPixels {
         }
     }
 
-    /// Rows, px.
-    pub fn height(&self) -> usize {
-        self.height
-    }
-
     /// Frames taken in.
     pub fn frames(&self) -> usize {
         self.frames
     }
 
-    /// The hot ones: column and row in file order, row after row.
+    /// The hot ones: column, and row from the bottom of the picture, row after row.
     pub fn found(&self) -> Vec<(usize, usize)> {
         if self.frames == 0 {
             return Vec::new();
@@ -162,14 +169,14 @@ mod tests {
     const HEIGHT: usize = 48;
 
     /// A frame of noise of σ = 8 on a sky of 1000, with pixels 30 above and a star of 400 at a place.
-    fn frame(index: usize, hot: &[(usize, usize)], star: (usize, usize)) -> Vec<u16> {
+    fn frame(index: usize, hot: &[(usize, usize)], star: (usize, usize)) -> Frame {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(index as u64);
         let mut pixels: Vec<u16> = (0..WIDTH * HEIGHT)
             .map(|_| (1000.0 + 8.0 * ((0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0)) as u16)
             .collect();
         hot.iter().for_each(|&(x, y)| pixels[y * WIDTH + x] += 30);
         pixels[star.1 * WIDTH + star.0] += 400;
-        pixels
+        Frame::new(WIDTH, HEIGHT, pixels, RowOrder::BottomFirst).unwrap()
     }
 
     #[test]
@@ -180,7 +187,13 @@ mod tests {
         for index in 0..60 {
             let half = if index % 2 == 0 { &mut one } else { &mut other };
             // A star stays for six frames.
-            assert!(half.add(&frame(index, &hot, (10 + index / 6, 10)), WIDTH, HEIGHT));
+            let mut frame = frame(index, &hot, (10 + index / 6, 10));
+            // Kept images begin with the bottom row, and others with the top one: their pixels are the same.
+            if index % 3 == 0 {
+                frame.pixels = frame.pixels.chunks(WIDTH).rev().flatten().copied().collect();
+                frame.rows = RowOrder::TopFirst;
+            }
+            assert!(half.add(&frame));
         }
         one.merge(&other);
         assert_eq!(one.frames(), 60);
@@ -192,8 +205,8 @@ mod tests {
     #[test]
     fn other_sizes_and_frames_without_noise_are_not_taken() {
         let mut pixels = HotPixels::new(WIDTH, HEIGHT);
-        assert!(!pixels.add(&frame(0, &[], (1, 1)), HEIGHT, WIDTH));
-        assert!(!pixels.add(&[7; WIDTH * HEIGHT], WIDTH, HEIGHT));
+        assert!(!pixels.add(&Frame::new(HEIGHT, WIDTH, frame(0, &[], (1, 1)).pixels, RowOrder::BottomFirst).unwrap()));
+        assert!(!pixels.add(&Frame::new(WIDTH, HEIGHT, vec![7; WIDTH * HEIGHT], RowOrder::BottomFirst).unwrap()));
         assert_eq!((pixels.frames(), pixels.found().len()), (0, 0));
     }
 

@@ -186,7 +186,7 @@ impl Batch<'_> {
                 return self.answer_with(&outcome, Some(complaint));
             }
         };
-        self.bad_pixels.apply(&mut frame.pixels, frame.width, frame.height);
+        self.bad_pixels.apply(&mut frame);
         let read = start.elapsed();
         let mut outcome = self.solve(&frame, own);
         outcome.times.read = read;

@@ -118,7 +118,7 @@ impl Args {
         let settings = Arc::new(self.config.load()?.settings);
         let catalogue = Arc::new(load_catalogue(&settings.catalog.file).map_err(anyhow::Error::msg)?);
         let mut looked_at = frame.clone();
-        load_bad_pixels(&settings)?.apply(&mut looked_at.pixels, frame.width, frame.height);
+        load_bad_pixels(&settings)?.apply(&mut looked_at);
         let mut solver = Solver::new(catalogue, settings);
         prepare(&mut solver, frame.width, frame.height);
         let outcome = solver.solve(&looked_at, &Prior::default(), &Unwatched);

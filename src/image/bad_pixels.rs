@@ -1,5 +1,6 @@
 //! Pixels that cannot be believed, replaced by their neighbours.
 
+use super::Frame;
 use std::collections::BTreeSet;
 
 /// Furthest that a good neighbour is looked for, px.
@@ -8,7 +9,7 @@ const MAX_REACH: usize = 4;
 /// The bad pixels of one detector.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct BadPixels {
-    /// Column and row in file order.
+    /// Column, and row from the bottom of the picture.
     pixels: BTreeSet<(usize, usize)>,
 }
 
@@ -25,7 +26,8 @@ pub struct BadPixelsError {
 }
 
 impl BadPixels {
-    /// Reads a list: `x y` a line, 0-based in file order; `#` begins a comment. `name` is for errors.
+    /// Reads a list: `x y` a line, 0-based, rows counted from the bottom of the picture, whichever end a frame begins with; `#` begins
+    /// a comment. `name` is for errors.
     pub fn parse(name: &str, list: &str) -> Result<Self, BadPixelsError> {
         let mut pixels = BTreeSet::new();
         for (i, line) in list.lines().enumerate() {
@@ -55,17 +57,15 @@ impl BadPixels {
         self.pixels.is_empty()
     }
 
-    /// Replaces each bad pixel of an image by the median of its good neighbours: the 8 around it or, where they are bad
+    /// Replaces each bad pixel of a frame by the median of its good neighbours: the 8 around it or, where they are bad
     /// too, the nearest square ring within 4 px that has a good one. Returns how many were replaced; a listed pixel
     /// outside the image, or without a good one near it, is left alone.
-    pub fn apply(&self, pixels: &mut [u16], width: usize, height: usize) -> usize {
+    pub fn apply(&self, frame: &mut Frame) -> usize {
         let mut replaced = 0;
-        for &(x, y) in &self.pixels {
-            if x >= width || y >= height {
-                continue;
-            }
-            let median = (1..=MAX_REACH).find_map(|reach| self.median_of_ring(pixels, (width, height), (x, y), reach));
-            if let (Some(median), Some(pixel)) = (median, pixels.get_mut(y * width + x)) {
+        for &place in &self.pixels {
+            let median = (1..=MAX_REACH).find_map(|reach| self.median_of_ring(frame, place, reach));
+            let at = place_of(frame, place);
+            if let (Some(median), Some(pixel)) = (median, at.and_then(|at| frame.pixels.get_mut(at))) {
                 *pixel = median;
                 replaced += 1;
             }
@@ -74,24 +74,24 @@ impl BadPixels {
     }
 
     /// Median of the good pixels at a Chebyshev distance from a pixel; of an even number, the mean of the middle two.
-    fn median_of_ring(
-        &self,
-        pixels: &[u16],
-        (width, height): (usize, usize),
-        (x, y): (usize, usize),
-        reach: usize,
-    ) -> Option<u16> {
-        let across = |centre: usize, size: usize| centre.saturating_sub(reach)..=(centre + reach).min(size - 1);
-        let mut values: Vec<u16> = across(y, height)
-            .flat_map(|v| across(x, width).map(move |u| (u, v)))
+    fn median_of_ring(&self, frame: &Frame, (x, y): (usize, usize), reach: usize) -> Option<u16> {
+        let across = |centre: usize| centre.saturating_sub(reach)..=centre.saturating_add(reach);
+        let mut values: Vec<u16> = across(y)
+            .flat_map(|v| across(x).map(move |u| (u, v)))
             .filter(|&(u, v)| u.abs_diff(x).max(v.abs_diff(y)) == reach && !self.pixels.contains(&(u, v)))
-            .filter_map(|(u, v)| pixels.get(v * width + u).copied())
+            .filter_map(|place| frame.pixels.get(place_of(frame, place)?).copied())
             .collect();
         values.sort_unstable();
         let upper = *values.get(values.len() / 2)?;
         let lower = *values.get((values.len() - 1) / 2)?;
         Some(upper.midpoint(lower))
     }
+}
+
+/// Where a pixel of the list is among a frame's; `None` where it is outside.
+fn place_of(frame: &Frame, (x, y): (usize, usize)) -> Option<usize> {
+    let row = frame.rows.from_bottom(y, frame.height)?;
+    (x < frame.width).then_some(row * frame.width + x)
 }
 
 /// A whole number of digits alone.
@@ -102,32 +102,47 @@ fn whole(word: &str) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sky::RowOrder;
 
     #[test]
     fn a_bad_pixel_takes_the_median_of_its_good_neighbours() {
         let bad = BadPixels::parse("bad.txt", "# column row\n1 1\n\n 2   1 # hot\n99 99\n").unwrap();
         assert_eq!(bad.len(), 3);
         #[rustfmt::skip]
-        let mut pixels = [
+        let pixels = vec![
             10,    20,    30, 0,
             40, 60000, 60000, 0,
             70,    80,    90, 0,
         ];
-        assert_eq!(bad.apply(&mut pixels, 4, 3), 2, "the third is outside");
+        let mut frame = Frame::new(4, 3, pixels, RowOrder::BottomFirst).unwrap();
+        assert_eq!(bad.apply(&mut frame), 2, "the third is outside");
         // Around (1, 1): 10 20 30 40 70 80 90, its right neighbour being bad; around (2, 1): 0 0 0 20 30 80 90.
-        assert_eq!((pixels[5], pixels[6]), (40, 20));
+        assert_eq!((frame.pixels[5], frame.pixels[6]), (40, 20));
+    }
+
+    #[test]
+    fn one_list_holds_for_frames_that_begin_with_either_end() {
+        let bad = BadPixels::parse("bad.txt", "0 0\n3 1\n2 3").unwrap();
+        let rows: [[u16; 4]; 4] = [[9, 1, 2, 3], [4, 5, 6, 9], [7, 8, 10, 11], [12, 13, 9, 14]];
+        let frame = |rows: Vec<[u16; 4]>, order| Frame::new(4, 4, rows.concat(), order).unwrap();
+        let mut bottom = frame(rows.to_vec(), RowOrder::BottomFirst);
+        let mut top = frame(rows.iter().rev().copied().collect(), RowOrder::TopFirst);
+        assert_eq!((bad.apply(&mut bottom), bad.apply(&mut top)), (3, 3));
+        let turned: Vec<u16> = top.pixels.chunks(4).rev().flatten().copied().collect();
+        assert_eq!(turned, bottom.pixels);
+        assert_ne!((bottom.pixels[0], bottom.pixels[7], bottom.pixels[14]), (9, 9, 9));
     }
 
     #[test]
     fn a_pixel_among_bad_ones_takes_the_nearest_good_ring_and_a_hopeless_one_stays() {
         let block: String = (0..3).flat_map(|y| (0..3).map(move |x| format!("{x} {y}\n"))).collect();
         let bad = BadPixels::parse("bad.txt", &block).unwrap();
-        let mut pixels = [7_u16; 25];
-        pixels[0] = 500;
-        assert_eq!(bad.apply(&mut pixels, 5, 5), 9);
-        assert_eq!(pixels[0], 7);
-        let mut nothing_else = [500_u16; 9];
-        assert_eq!(bad.apply(&mut nothing_else, 3, 3), 0);
+        let mut frame = Frame::new(5, 5, vec![7; 25], RowOrder::BottomFirst).unwrap();
+        frame.pixels[0] = 500;
+        assert_eq!(bad.apply(&mut frame), 9);
+        assert_eq!(frame.pixels[0], 7);
+        let mut nothing_else = Frame::new(3, 3, vec![500; 9], RowOrder::BottomFirst).unwrap();
+        assert_eq!(bad.apply(&mut nothing_else), 0);
     }
 
     #[test]

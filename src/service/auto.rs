@@ -45,7 +45,10 @@ impl Auto {
             return None;
         }
         let statistics = outcome.statistics.as_ref()?;
-        let full_scale = f64::from(self.full_scale.unwrap_or_else(|| state.settings.camera.pixel_format.full_scale_adu()));
+        let camera = &state.settings.camera;
+        let of_one = if camera.full_scale_adu > 0 { camera.full_scale_adu } else { camera.pixel_format.full_scale_adu().into() };
+        let of_all = f64::from(of_one) * f64::from(outcome.stamp.exposures.max(1));
+        let full_scale = self.full_scale.map_or(of_all, f64::from);
         let look =
             Look { sky: statistics.mean / full_scale, saturated: statistics.saturated_fraction, sources: outcome.sources.len() };
         // A gain that nobody knows stays what it is, whatever that is.

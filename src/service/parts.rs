@@ -126,7 +126,7 @@ impl Solve for Retouched {
             return self.inner.solve(frame, prior, watch);
         }
         let mut retouched = frame.clone();
-        self.bad_pixels.apply(&mut retouched.pixels, retouched.width, retouched.height);
+        self.bad_pixels.apply(&mut retouched);
         if brightness.enabled {
             // Another image, other photons.
             let seed = simulate.seed.wrapping_add(u64::from(frame.stamp.image.0));
@@ -145,7 +145,7 @@ impl Solve for Retouched {
         }
         let mended = |frame: &Frame| {
             let mut frame = frame.clone();
-            self.bad_pixels.apply(&mut frame.pixels, frame.width, frame.height);
+            self.bad_pixels.apply(&mut frame);
             frame
         };
         let exposures = moved.exposures.iter().map(|exposure| Arc::new(mended(exposure))).collect();

@@ -3,12 +3,22 @@
 use super::Vec3;
 
 /// Which end of the picture the first row of a file is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum RowOrder {
     /// The first row is the bottom one: FITS.
     BottomFirst,
     /// The first row is the top one: TIFF, PNG, JPEG.
     TopFirst,
+}
+
+impl RowOrder {
+    /// A row of a picture with so many, in file order, counted from the bottom instead; or one from the bottom in file order. `None` for
+    /// one that is not in it.
+    pub fn from_bottom(self, row: usize, height: usize) -> Option<usize> {
+        let from_the_other_end = height.checked_sub(1)?.checked_sub(row)?;
+        Some(if self == Self::BottomFirst { row } else { from_the_other_end })
+    }
 }
 
 /// Gnomonic projection with a plate scale and one term of radial distortion.

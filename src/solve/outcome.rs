@@ -4,7 +4,7 @@ use super::Blur;
 use super::served::Served;
 use super::track::{AttitudePrior, LensPrior};
 use crate::image::Stamp;
-use crate::sky::{Attitude, Horizontal, Mat3, Observer, Vec3};
+use crate::sky::{Attitude, Horizontal, Mat3, Observer, RowOrder, Vec3};
 use serde::Serialize;
 use std::fmt;
 use std::time::Duration;
@@ -258,6 +258,8 @@ pub struct Outcome {
     pub blur: Option<Blur>,
     /// In words: which requirement refused, its value, its limit; which limit ended the search.
     pub detail: String,
+    /// Which end of the picture the first row is, where the frame was looked at: what the places of sources refer to.
+    pub rows: Option<RowOrder>,
     /// Statistics, where the frame was looked at.
     pub statistics: Option<Statistics>,
     /// How the sources were searched for.
@@ -293,6 +295,7 @@ impl Outcome {
             cause: None,
             blur: None,
             detail: detail.into(),
+            rows: None,
             statistics: None,
             mode: SearchMode::Normal,
             found_by: None,

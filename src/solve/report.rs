@@ -9,7 +9,7 @@ use super::{
 };
 use crate::catalog::Catalogue;
 use crate::image::ExposedBy;
-use crate::sky::{ARCSEC, ClockQuality, DEG, HOUR, Mat3, Observer, ra_dec};
+use crate::sky::{ARCSEC, ClockQuality, DEG, HOUR, Mat3, Observer, RowOrder, ra_dec};
 use serde::Serialize;
 use std::time::Duration;
 
@@ -85,6 +85,8 @@ pub struct Report {
     pub prior_disagreement_deg: Option<f64>,
     /// Statistics of the frame.
     pub stats: StatisticsReport,
+    /// Which end of the picture the first row is, from which the sources' rows are counted; null where nothing was looked at.
+    pub row_order: Option<RowOrder>,
     /// Sources, brightest first.
     pub sources: Vec<SourceEntry>,
     /// The last triangles tried, as ids of sources.
@@ -338,6 +340,7 @@ impl Report {
             prior: PriorReport::new(&outcome.prior),
             prior_disagreement_deg: outcome.prior_disagreement.and_then(degrees),
             stats: outcome.statistics.as_ref().map_or_else(StatisticsReport::default, StatisticsReport::new),
+            row_order: outcome.rows,
             sources: outcome.sources.iter().enumerate().map(|(id, source)| source_entry(id, source)).collect(),
             triangles: outcome.triangles.clone(),
             time_ms: TimesReport::new(&outcome.times),

@@ -226,6 +226,7 @@ impl Solver {
         let fraction = cells.saturated_px as f64 / frame.pixels.len().max(1) as f64;
         // Beyond the last whole cell a pixel may be higher; it counts as the highest.
         let level = self.levels.level(frame, cells.max.iter().copied().max().unwrap_or(u16::MAX));
+        outcome.rows = Some(frame.rows);
         outcome.statistics = Some(Statistics {
             mean: cells.image_mean,
             noise: cells.image_noise,

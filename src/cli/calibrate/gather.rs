@@ -132,16 +132,11 @@ fn images_in(directory: &Path, depth: usize, into: &mut Vec<PathBuf>) -> std::io
 impl Gathered {
     fn take_records(&mut self, records: &[PathBuf], settings: &Settings, model: &CameraModel) -> anyhow::Result<()> {
         let mut frames = 0;
-        let mut rows = None;
         let mut shots = Vec::new();
         let mut take = |outcome: &Map<String, Value>| {
             frames += 1;
-            let order = *rows.get_or_insert_with(|| row_order(outcome, settings, model));
-            if let Some(order) = order {
-                shots.extend(shot_of_record(outcome, settings, &CameraModel { rows: order, ..*model }));
-            } else {
-                rows = None;
-            }
+            let rows = row_order(outcome);
+            shots.extend(rows.and_then(|rows| shot_of_record(outcome, settings, &CameraModel { rows, ..*model })));
         };
         // Nobody is left to tell where even stderr is closed.
         each_line(records, |line| take(&line.outcome), |complaint| drop(writeln!(stderr(), "stars: {complaint}")))?;
@@ -211,10 +206,10 @@ impl Work<'_> {
             let Some(file) = self.files.get(place) else { return (shots, hot) };
             let Some(mut frame) = read(file).filter(|frame| (frame.width, frame.height) == self.size) else { continue };
             if let Some(hot) = &mut hot {
-                hot.add(&frame.pixels, frame.width, frame.height);
+                hot.add(&frame);
             }
             if let Some(solver) = &mut solver {
-                self.bad_pixels.apply(&mut frame.pixels, frame.width, frame.height);
+                self.bad_pixels.apply(&mut frame);
                 let outcome = solver.solve(&frame, &Prior::default(), &Unwatched);
                 shots.extend(shot_of_outcome(&outcome, &frame, self.settings).map(|shot| (place, shot)));
             }
@@ -305,17 +300,11 @@ fn shot_of_record(outcome: &Map<String, Value>, settings: &Settings, camera: &Ca
     })
 }
 
-/// Which end of its pictures the first row is: a record does not say it, but its stars fit one of the two alone.
-fn row_order(outcome: &Map<String, Value>, settings: &Settings, model: &CameraModel) -> Option<RowOrder> {
-    let off = |rows: RowOrder| -> Option<f64> {
-        let Solved { view, platescale, .. } = shot_of_record(outcome, settings, &CameraModel { rows, ..*model })?.solved;
-        let pose = Pose::undistorted(view.attitude, platescale);
-        let distances = view.pairs.iter().map(|pair| {
-            let seen = pose.project(&pair.star, model.half_diagonal_px());
-            seen.map_or(f64::INFINITY, |(left, up)| (left - pair.left).hypot(up - pair.up))
-        });
-        Some(distances.sum())
-    };
-    let (bottom, top) = (off(RowOrder::BottomFirst)?, off(RowOrder::TopFirst)?);
-    Some(if bottom <= top { RowOrder::BottomFirst } else { RowOrder::TopFirst })
+/// Which end of its picture the first row is, where a record says it.
+fn row_order(outcome: &Map<String, Value>) -> Option<RowOrder> {
+    match outcome.get("row_order")?.as_str()? {
+        "bottom_first" => Some(RowOrder::BottomFirst),
+        "top_first" => Some(RowOrder::TopFirst),
+        _ => None,
+    }
 }

@@ -8,7 +8,7 @@ pub(super) mod kept;
 use super::{ConfigArgs, NEGATIVE, print};
 use crate::calibrate::{self, Calibration, HotPixels, Lens, Offset, OffsetError, Refusal, SkyStands};
 use crate::service::utc_now;
-use crate::settings::{CameraKind, Settings};
+use crate::settings::Settings;
 use crate::sky::{ARCSEC, Attitude, Mat3};
 use anyhow::{Context, bail};
 use gather::{Gathered, Shot};
@@ -117,7 +117,7 @@ fn measure(first: Gathered, second: Option<Gathered>, settings: &Settings) -> Re
     let lens = lens_of(&first, settings)?;
     let (found, remark) = match &first.hot {
         None => (None, None),
-        Some(hot) => match hot_pixels(hot, &lens, settings) {
+        Some(hot) => match hot_pixels(hot, &lens) {
             Ok(found) => (Some(found), None),
             Err(why) => (None, Some(why)),
         },
@@ -149,20 +149,15 @@ fn lens_of(gathered: &Gathered, settings: &Settings) -> Result<Lens, Refused> {
         .map_err(|refusal| Refused::Lens(gathered.directory.clone(), refusal))
 }
 
-/// The hot pixels, as the camera's frames have them; or why there are none to be told.
-fn hot_pixels(hot: &HotPixels, lens: &Lens, settings: &Settings) -> Result<Vec<(usize, usize)>, String> {
+/// The hot pixels; or why there are none to be told.
+fn hot_pixels(hot: &HotPixels, lens: &Lens) -> Result<Vec<(usize, usize)>, String> {
     let frames = hot.frames();
     if frames < LEAST_FRAMES_FOR_HOT {
         return Err(format!("{frames} images, expected at least {LEAST_FRAMES_FOR_HOT}"));
     }
     let attitudes: Vec<Attitude> = lens.attitudes.iter().flatten().map(|(attitude, _)| *attitude).collect();
     calibrate::has_moved(&attitudes, lens.platescale).map_err(|stands: SkyStands| stands.to_string())?;
-    let mut found = hot.found();
-    // Kept images have their rows from the bottom; real cameras give theirs from the top, and a list has the camera's own.
-    if settings.camera.kind == CameraKind::Aravis {
-        found.iter_mut().for_each(|(_, y)| *y = hot.height().saturating_sub(1 + *y));
-    }
-    Ok(found)
+    Ok(hot.found())
 }
 
 /// How the second camera is turned, from the frames that were taken together.

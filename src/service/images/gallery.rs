@@ -190,7 +190,7 @@ impl Gallery {
     fn sources(&self, frame: &Frame) -> Vec<ViewSource> {
         let mut frame = frame.clone();
         if let Ok(bad) = load_bad_pixels(&self.settings) {
-            bad.apply(&mut frame.pixels, frame.width, frame.height);
+            bad.apply(&mut frame);
         }
         let (mut cells, mut finder, mut found) = (CellStatistics::default(), Finder::default(), Vec::new());
         cells.measure(&frame, frame.full_scale);
