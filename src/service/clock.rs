@@ -88,17 +88,10 @@ impl Clock {
         Self { started: Instant::now(), boot_id: drawn as u32, simulated: None, reference, sigma_s, keeper }
     }
 
-    /// The same, with what the settings say of the machine's clock.
-    #[must_use]
-    pub fn with_reference(self, settings: &ClockSettings) -> Self {
+    /// The same by the settings; `simulated`: a UTC that is made up, where it is.
+    pub fn of(settings: &ClockSettings, simulated: Option<&'static SimulatedUtc>) -> Self {
         let sigma_s = Some(settings.sigma_s).filter(|sigma_s| *sigma_s > 0.0);
-        Self { reference: settings.reference, sigma_s, ..self }
-    }
-
-    /// The same, with a UTC that is made up.
-    #[must_use]
-    pub fn with_utc(self, simulated: &'static SimulatedUtc) -> Self {
-        Self { simulated: Some(simulated), ..self }
+        Self { simulated, reference: settings.reference, sigma_s, ..Self::start() }
     }
 
     /// UTC now, and how far it can be believed: by the machine's clock, or one that is made up, as long as that is not stepped.

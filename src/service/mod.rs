@@ -339,8 +339,7 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
     let allowed = addresses(&settings.network.peers)?;
     let legacy = legacy::bind(&settings.legacy, legacy_door)
         .map_err(|error| StartError::LegacyListen { address: settings.legacy.listen.clone(), error })?;
-    let clock = Clock::start().with_reference(&settings.clock);
-    let clock = utc.map_or(clock, |utc| clock.with_utc(utc));
+    let clock = Clock::of(&settings.clock, utc);
     let keys = Keys::read(&settings.commands).map_err(StartError::Key)?;
     let (ledger, kept, found) = open_ledger(&settings.commands.ledger_directory);
     let (runs, run) = begin_run(&settings.commands.ledger_directory);
