@@ -160,7 +160,7 @@ static void print_status(const stars_status_t *m)
     }
     printf(", \"clock_quality\": ");
     {
-        print_code(m->clock_quality, (const char *const[]){"unset", "free_running", "synchronised"});
+        print_code(m->clock_quality, (const char *const[]){"unset", "free_running", "synchronised", "flight_computer", "chrony", "ptp"});
     }
     printf(", \"observer_known\": ");
     {
@@ -407,7 +407,7 @@ static void print_update(const stars_update_t *m)
     }
     printf(", \"clock_quality\": ");
     {
-        print_code(m->clock_quality, (const char *const[]){"unset", "free_running", "synchronised"});
+        print_code(m->clock_quality, (const char *const[]){"unset", "free_running", "synchronised", "flight_computer", "chrony", "ptp"});
     }
     printf(", \"settings_hash\": ");
     {
@@ -729,7 +729,7 @@ static void print_update(const stars_update_t *m)
         printf("null");
     else
     {
-        print_code(m->captured_quality, (const char *const[]){"unset", "free_running", "synchronised"});
+        print_code(m->captured_quality, (const char *const[]){"unset", "free_running", "synchronised", "flight_computer", "chrony", "ptp"});
     }
     printf(", \"image_age_s_known\": ");
     {
@@ -1749,6 +1749,69 @@ static void print_update(const stars_update_t *m)
         print_peer_clock(&m->clocks[i]);
         }
         printf("]");
+    }
+    printf(", \"exposing\": ");
+    {
+        print_code(m->exposing, (const char *const[]){"asked", "trigger", "itself"});
+    }
+    printf(", \"last_triggered_age_s_known\": ");
+    {
+        printf(m->last_triggered_age_s_known ? "true" : "false");
+    }
+    printf(", \"last_triggered_age_s\": ");
+    if (!(m->last_triggered_age_s_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->last_triggered_age_s);
+    }
+    printf(", \"triggers_stayed_away\": ");
+    {
+        printf("%lu", (unsigned long)m->triggers_stayed_away);
+    }
+    printf(", \"image_exposed_by_known\": ");
+    {
+        printf(m->image_exposed_by_known ? "true" : "false");
+    }
+    printf(", \"image_exposed_by\": ");
+    if (!(m->image_exposed_by_known))
+        printf("null");
+    else
+    {
+        print_code(m->image_exposed_by, (const char *const[]){"asked", "trigger", "itself"});
+    }
+    printf(", \"clock_sigma_s_known\": ");
+    {
+        printf(m->clock_sigma_s_known ? "true" : "false");
+    }
+    printf(", \"clock_sigma_s\": ");
+    if (!(m->clock_sigma_s_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->clock_sigma_s);
+    }
+    printf(", \"captured_sigma_s_known\": ");
+    {
+        printf(m->captured_sigma_s_known ? "true" : "false");
+    }
+    printf(", \"captured_sigma_s\": ");
+    if (!(m->captured_sigma_s_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->captured_sigma_s);
+    }
+    printf(", \"captured_uptime_s_known\": ");
+    {
+        printf(m->captured_uptime_s_known ? "true" : "false");
+    }
+    printf(", \"captured_uptime_s\": ");
+    if (!(m->captured_uptime_s_known))
+        printf("null");
+    else
+    {
+        printf("%.17g", (double)m->captured_uptime_s);
     }
     printf("}");
 }

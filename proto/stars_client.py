@@ -35,7 +35,8 @@ CODES = {
         "no_common_version", "not_a_hello", "wrong_role", "address_not_allowed", "too_many_connections", "replaced",
         "bad_message", "silent", "shutting_down",
     ],
-    "clock": ["unset", "free_running", "synchronised"],
+    "clock": ["unset", "free_running", "synchronised", "flight_computer", "chrony", "ptp"],
+    "exposed_by": ["asked", "trigger", "itself"],
     "command_refusal": [
         "not_in_charge", "stale", "replayed", "out_of_range", "busy", "not_armed", "unknown_command", "unsafe_state",
         "not_authentic", "half_changed", "early", "wrong_boot", "not_available", "not_kept", "stopped", "device",
@@ -342,6 +343,13 @@ LAYOUTS = {
             sigma_s d
             age_s d
         }
+        exposing B=exposed_by
+        last_triggered_age_s ?d
+        triggers_stayed_away I
+        image_exposed_by ?B=exposed_by
+        clock_sigma_s ?d
+        captured_sigma_s ?d
+        captured_uptime_s ?d
     """),
     5: ("gyro", """
         trigger_counter I

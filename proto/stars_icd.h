@@ -27,7 +27,7 @@
 #define STARS_PORT 2017
 #define STARS_VERSION_MIN 1
 #define STARS_VERSION_CURRENT 3
-#define STARS_SCHEMA_HASH UINT32_C(0xea82273c)
+#define STARS_SCHEMA_HASH UINT32_C(0xff63c55a)
 #define STARS_SYNC UINT32_C(0x1dfccf1a)
 #define STARS_MAX_FRAME 65536
 
@@ -68,6 +68,9 @@ enum {
     STARS_CLOCK_QUALITY_UNSET = 1,
     STARS_CLOCK_QUALITY_FREE_RUNNING = 2,
     STARS_CLOCK_QUALITY_SYNCHRONISED = 3,
+    STARS_CLOCK_QUALITY_FLIGHT_COMPUTER = 4,
+    STARS_CLOCK_QUALITY_CHRONY = 5,
+    STARS_CLOCK_QUALITY_PTP = 6,
 };
 
 /* Codes of `stage`; 0 is never valid. */
@@ -221,6 +224,13 @@ enum {
     STARS_LAST_RESTART_LEGACY_LISTENER = 10,
     STARS_LAST_RESTART_ARCHIVE = 11,
     STARS_LAST_RESTART_DISPLAY = 12,
+};
+
+/* Codes of `exposing`; 0 is never valid. */
+enum {
+    STARS_EXPOSING_ASKED = 1,
+    STARS_EXPOSING_TRIGGER = 2,
+    STARS_EXPOSING_ITSELF = 3,
 };
 
 /* Codes of `wanted`; 0 is never valid. */
@@ -710,8 +720,20 @@ typedef struct STARS_PACKED {
     double start_before_middle_s; /* From the start to the middle of the light. [s] */
     uint8_t clocks_count; /* How many of the clocks below are known. */
     stars_peer_clock_t clocks[2]; /* The clocks. */
+    uint8_t exposing; /* What makes it expose now: itself, where no trigger came for so long as the camera's settings say, and until one comes. */
+    uint8_t last_triggered_age_s_known; /* Whether `last_triggered_age_s` is known. */
+    double last_triggered_age_s; /* Time since the last image that a trigger made; unknown where none did since the camera's start. [s] */
+    uint32_t triggers_stayed_away; /* Times since the camera's start that triggers stayed away for so long. */
+    uint8_t image_exposed_by_known; /* Whether `image_exposed_by` is known. */
+    uint8_t image_exposed_by; /* What made the camera expose the last image. */
+    uint8_t clock_sigma_s_known; /* Whether `clock_sigma_s` is known. */
+    double clock_sigma_s; /* One standard deviation of the camera computer's clock. [s] */
+    uint8_t captured_sigma_s_known; /* Whether `captured_sigma_s` is known. */
+    double captured_sigma_s; /* One standard deviation of the middle of the last image's exposure, as UTC. [s] */
+    uint8_t captured_uptime_s_known; /* Whether `captured_uptime_s` is known. */
+    double captured_uptime_s; /* The same middle as uptime of the camera program, which no clock that is set changes. [s] */
 } stars_update_t;
-STARS_ASSERT(sizeof(stars_update_t) == 4683, "stars_update_t");
+STARS_ASSERT(sizeof(stars_update_t) == 4726, "stars_update_t");
 STARS_ASSERT(offsetof(stars_update_t, sequence) == 0, "stars_update_t.sequence");
 STARS_ASSERT(offsetof(stars_update_t, boot_id) == 4, "stars_update_t.boot_id");
 STARS_ASSERT(offsetof(stars_update_t, uptime_s) == 8, "stars_update_t.uptime_s");
@@ -961,6 +983,18 @@ STARS_ASSERT(offsetof(stars_update_t, start_sigma_north_arcsec) == 4616, "stars_
 STARS_ASSERT(offsetof(stars_update_t, start_before_middle_s) == 4624, "stars_update_t.start_before_middle_s");
 STARS_ASSERT(offsetof(stars_update_t, clocks_count) == 4632, "stars_update_t.clocks_count");
 STARS_ASSERT(offsetof(stars_update_t, clocks) == 4633, "stars_update_t.clocks");
+STARS_ASSERT(offsetof(stars_update_t, exposing) == 4683, "stars_update_t.exposing");
+STARS_ASSERT(offsetof(stars_update_t, last_triggered_age_s_known) == 4684, "stars_update_t.last_triggered_age_s_known");
+STARS_ASSERT(offsetof(stars_update_t, last_triggered_age_s) == 4685, "stars_update_t.last_triggered_age_s");
+STARS_ASSERT(offsetof(stars_update_t, triggers_stayed_away) == 4693, "stars_update_t.triggers_stayed_away");
+STARS_ASSERT(offsetof(stars_update_t, image_exposed_by_known) == 4697, "stars_update_t.image_exposed_by_known");
+STARS_ASSERT(offsetof(stars_update_t, image_exposed_by) == 4698, "stars_update_t.image_exposed_by");
+STARS_ASSERT(offsetof(stars_update_t, clock_sigma_s_known) == 4699, "stars_update_t.clock_sigma_s_known");
+STARS_ASSERT(offsetof(stars_update_t, clock_sigma_s) == 4700, "stars_update_t.clock_sigma_s");
+STARS_ASSERT(offsetof(stars_update_t, captured_sigma_s_known) == 4708, "stars_update_t.captured_sigma_s_known");
+STARS_ASSERT(offsetof(stars_update_t, captured_sigma_s) == 4709, "stars_update_t.captured_sigma_s");
+STARS_ASSERT(offsetof(stars_update_t, captured_uptime_s_known) == 4717, "stars_update_t.captured_uptime_s_known");
+STARS_ASSERT(offsetof(stars_update_t, captured_uptime_s) == 4718, "stars_update_t.captured_uptime_s");
 
 /* One exposure of a series. */
 typedef struct STARS_PACKED {
