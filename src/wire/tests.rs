@@ -2,6 +2,7 @@
 
 use super::layout::BodyError;
 use super::*;
+use crate::sky::ClockQuality;
 use bytes::{BufMut, BytesMut};
 use proptest::prelude::*;
 use rand::{Rng, RngCore, SeedableRng};
@@ -283,8 +284,10 @@ fn a_number_that_broke_inside_is_withheld_and_the_rest_still_goes_out() {
 #[test]
 fn a_version_is_told_nothing_that_it_has_no_code_for() {
     use crate::solve::SearchMode;
-    let image = Image { mode: SearchMode::Motion.into(), ..Image::default() };
+    let captured_quality = Some(Coded::from(ClockQuality::Ptp)).into();
+    let image = Image { mode: SearchMode::Motion.into(), captured_quality, ..Image::default() };
     let mut update = Update { image: Some(image).into(), ..Update::default() };
+    update.link.clock.clock_quality = ClockQuality::FlightComputer.into();
     let later = crate::command::Refusal::ALL.iter().copied().last();
     update.authority.last_refusal = later.into();
     let message = Message::Update(Box::new(update));
@@ -296,6 +299,10 @@ fn a_version_is_told_nothing_that_it_has_no_code_for() {
         let Some(Ok(Message::Update(update))) = read.first() else { panic!("{read:?}") };
         assert_eq!(update.image.get().and_then(|image| image.mode.get()), Some(mode), "{version}");
         assert_eq!(update.authority.last_refusal.get().is_some(), refused, "{version}");
+        let clocks = (update.link.clock.clock_quality.get(), update.image.get().and_then(|image| image.captured_quality.value()));
+        let synchronised = ClockQuality::Synchronised;
+        let told = if version < 3 { (synchronised, synchronised) } else { (ClockQuality::FlightComputer, ClockQuality::Ptp) };
+        assert_eq!(clocks, (Some(told.0), Some(told.1)), "{version}");
     }
 }
 
