@@ -228,6 +228,8 @@ impl CameraActor {
                     stamp.exposed_by = stamp.exposed_by.or(asked.then_some(ExposedBy::Asked));
                     self.number(image, &state, stamp);
                     stamp.temperature_camera_c = stamp.temperature_camera_c.or(temperature_c);
+                    // What was set for this frame is not in the state yet.
+                    stamp.gain_db = stamp.gain_db.or(gain_db);
                     self.note_instrument(&state, at, stamp);
                 };
                 series.stamp(stamp);

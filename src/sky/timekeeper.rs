@@ -43,8 +43,9 @@ pub struct Timekeeper {
 struct Held {
     at: Duration,
     unix_s: f64,
-    quality: ClockQuality,
     sigma_s: Option<f64>,
+    /// Whether the clock that it comes from followed its reference.
+    followed: bool,
 }
 
 impl Held {
@@ -54,8 +55,8 @@ impl Held {
         Self {
             at: now,
             unix_s: self.unix_s + elapsed_s,
-            quality: ClockQuality::FreeRunning,
             sigma_s: self.sigma_s.map(|sigma_s| sigma_s + DRIFT * elapsed_s),
+            followed: self.followed,
         }
     }
 }
@@ -76,7 +77,7 @@ impl Timekeeper {
             return self.hold(carried);
         }
         let stands = now.saturating_sub(since) >= STANDS;
-        if reading.quality.follows() && (stands || !before.quality.follows()) {
+        if reading.quality.follows() && (stands || !carried.followed) {
             return self.follow(now, reading, None);
         }
         self.hold(carried)
@@ -86,14 +87,15 @@ impl Timekeeper {
     fn follow(&mut self, now: Duration, reading: ClockReading, carried_s: Option<f64>) -> ClockReading {
         let sigma_s = reading.sigma_s.or(carried_s);
         self.stepped = None;
-        self.held = reading.utc.map(|utc| Held { at: now, unix_s: utc.unix_s(), quality: reading.quality, sigma_s });
+        let followed = reading.quality.follows();
+        self.held = reading.utc.map(|utc| Held { at: now, unix_s: utc.unix_s(), sigma_s, followed });
         ClockReading { sigma_s, ..reading }
     }
 
     /// Goes on with what is held.
     fn hold(&mut self, carried: Held) -> ClockReading {
         self.held = Some(carried);
-        ClockReading { utc: Utc::from_unix(carried.unix_s), quality: carried.quality, sigma_s: carried.sigma_s }
+        ClockReading { utc: Utc::from_unix(carried.unix_s), quality: ClockQuality::FreeRunning, sigma_s: carried.sigma_s }
     }
 }
 
