@@ -11,7 +11,7 @@ use crate::service::clock::Clock;
 use crate::service::housekeeping::gauges;
 use crate::service::state::{CameraState, Disk, Peer, Readiness, State};
 use crate::settings::{DisplaySettings, FocusPanel};
-use crate::sky::{ClockQuality, DEG, HOUR};
+use crate::sky::{ClockQuality, ClockReading, DEG, HOUR};
 use crate::solve::Reason;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -28,7 +28,7 @@ const SILENT: (f64, f64) = (0.5, 1.0);
 pub fn snapshot(state: &State, clock: &Clock, pixels: bool) -> Snapshot {
     let now = Instant::now();
     let age = |at: Instant| now.saturating_duration_since(at).as_secs_f64();
-    let (utc, quality) = clock.utc();
+    let ClockReading { utc, quality, .. } = state.time(clock.uptime(), clock.time());
     let display = &state.settings.display;
     let solution_age = Limits::below(display.solution_age_yellow_s, display.solution_age_red_s);
     Snapshot {
@@ -84,6 +84,7 @@ fn camera(state: &State) -> CameraPart {
     let (words, concern) = match &state.camera {
         CameraState::Idle => ("idle".to_owned(), Concern::Unknown),
         CameraState::Working => ("working".to_owned(), Concern::Good),
+        CameraState::Waiting => ("waits for a trigger".to_owned(), Concern::Good),
         CameraState::Unavailable(why) => (why.clone(), Concern::Red),
     };
     CameraPart {
