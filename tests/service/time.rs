@@ -1,7 +1,7 @@
 //! Times: a clock that is set changes nothing but how far the time can be believed, and the best clock at hand stamps the frames.
 
 use crate::support::*;
-use stars::service::{Doors, Manager, Parts, SimulatedUtc, start_with};
+use stars::service::{Doors, Parts, SimulatedUtc, start_with};
 use stars::settings::Settings;
 use stars::sky::{ClockQuality, Utc};
 use stars::wire::{Clock, Status, Update};
@@ -17,7 +17,7 @@ const YEAR_S: f64 = 365.25 * 86_400.0;
 async fn started(settings: Settings) -> (stars::service::Running, &'static SimulatedUtc, Instant) {
     let door = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let utc = SimulatedUtc::begin(BEGAN_S);
-    let doors = Doors { door, legacy_door: None, links: Vec::new(), manager: Manager::default(), utc: Some(utc) };
+    let doors = Doors { utc: Some(utc), ..Doors::from(door) };
     let dated = camera(|moment| {
         let mut frame = frame();
         moment.date(0.0, &mut frame.stamp);
