@@ -1,8 +1,8 @@
 //! The display room: what operators see of the camera, and the tools that they use on it.
 //!
 //! All of it is pure. [`Snapshot`] is the state as the page, `stars watch` and programs read it; [`FrameView`] is one frame with all that
-//! is shown of it; [`draw`] draws that frame as a picture; [`text_page`] and [`ten_lines`] are the same for a terminal and for a link of
-//! 9600 baud; [`FixedSources`] proposes a mask. The page itself is text that a browser reads ([`page`], [`MASK_TOOL`]). The service
+//! is shown of it; [`draw()`] draws that frame as a picture; [`text_page`] and [`ten_lines`] are the same for a terminal and for a link of
+//! 9600 baud; [`FixedSources`] proposes a mask. The page itself is text that a browser reads ([`page()`], [`MASK_TOOL`]). The service
 //! fills these in and serves them (`service/display`).
 //!
 //! The page shows, and prepares commands; only flight computers send them.
