@@ -11,6 +11,7 @@ pub mod cli;
 pub mod command;
 pub mod display;
 pub mod image;
+pub mod journal;
 pub mod lens;
 pub mod service;
 pub mod settings;

@@ -24,6 +24,7 @@ fn flight(root: &Path) -> Vec<String> {
     write("record/outcomes-2013-01-01T00-00-00.000-00000001.jsonl", b"{\"image\":\"old\"}\n");
     let long: String = (0..200_000).map(|n| format!("{{\"image\":\"{n:032}\"}}\n")).collect();
     write("record/outcomes-2013-01-02T00-00-00.000-00000002.jsonl", long.as_bytes());
+    write("record/journal-2013-01-02T00-00-00.000-00000002-0000.journal", &vec![7; 9 << 20]);
     write("state/kept.0", b"first copy");
     write("state/kept.1", b"second copy");
     write("state/key.bak", KEY.as_bytes());
@@ -85,6 +86,7 @@ fn it_has_settings_state_ends_of_records_and_newest_images_and_no_key() {
     let long = text(&files["records/outcomes-2013-01-02T00-00-00.000-00000002.jsonl"]);
     assert!((4_000_000..4 << 20).contains(&long.len()) && long.ends_with(&format!("{{\"image\":\"{:032}\"}}\n", 199_999)));
     assert!(long.lines().all(|line| line.starts_with("{\"image\"") && line.ends_with('}')), "a line is torn");
+    assert_eq!(files["records/journal-2013-01-02T00-00-00.000-00000002-0000.journal"], vec![7; 8 << 20]);
     let images: Vec<&String> = files.keys().filter(|name| name.starts_with("images/")).collect();
     assert_eq!(images, ["images/2.fits"]);
     assert_eq!(text(&files["images.txt"]).lines().count(), 3);

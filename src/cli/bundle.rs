@@ -3,7 +3,7 @@
 use super::export::records_in;
 use super::{ConfigArgs, print, settings};
 use crate::catalog::Catalogue;
-use crate::service::{free_bytes, read_file, state_files, utc_now};
+use crate::service::{free_bytes, journals, read_file, state_files, utc_now};
 use crate::settings::{Loaded, Settings};
 use crate::wire;
 use anyhow::Context;
@@ -19,6 +19,9 @@ use std::time::SystemTime;
 /// Of a record the end is taken, bytes: some hundred images with all their sources. Of each of so many records, the newest.
 const RECORD_TAIL: u64 = 4 << 20;
 const RECORDS: usize = 4;
+/// Of the newest of so many journals the end too, bytes: some hours. Who reads it skips the entry that it begins within.
+const JOURNALS: usize = 2;
+const JOURNAL_TAIL: u64 = 8 << 20;
 /// Longest file of the state, bytes: they are small.
 const LONGEST_STATE: usize = 1 << 20;
 /// Lines of the system's journal.
@@ -160,7 +163,7 @@ impl Bundle {
         Ok(())
     }
 
-    /// The ends of the newest records, whole lines alone.
+    /// The ends of the newest records, whole lines alone, and of the newest journals.
     fn records(&mut self, settings: &Settings) -> io::Result<()> {
         if !settings.record.enabled {
             return Ok(());
@@ -172,6 +175,15 @@ impl Bundle {
                 }
             }
             Err(error) => self.missing.push(format!("records: {error:#}")),
+        }
+        match journals(Path::new(&settings.record.directory)) {
+            Ok(journals) => {
+                for (path, _) in journals.iter().rev().take(JOURNALS) {
+                    let tail = tail_of(path, JOURNAL_TAIL).map(|(_, bytes)| bytes);
+                    self.put_read(&format!("records/{}", file_name(path)), tail.map_err(|error| error.to_string()))?;
+                }
+            }
+            Err(error) => self.missing.push(format!("journals: {}: {error}", settings.record.directory)),
         }
         Ok(())
     }
@@ -234,14 +246,20 @@ fn about(settings: &Settings) -> String {
     )
 }
 
-/// The last lines of a record.
-fn end_of(path: &Path) -> io::Result<Vec<u8>> {
+/// The end of a file, of so many bytes, and whether that is all of it.
+fn tail_of(path: &Path, most: u64) -> io::Result<(bool, Vec<u8>)> {
     let mut file = File::open(path)?;
-    let first = file.metadata()?.len().saturating_sub(RECORD_TAIL);
+    let first = file.metadata()?.len().saturating_sub(most);
     file.seek(SeekFrom::Start(first))?;
     let mut bytes = Vec::new();
-    file.take(RECORD_TAIL).read_to_end(&mut bytes)?;
-    if first > 0 {
+    file.take(most).read_to_end(&mut bytes)?;
+    Ok((first == 0, bytes))
+}
+
+/// The last lines of a record.
+fn end_of(path: &Path) -> io::Result<Vec<u8>> {
+    let (is_whole, mut bytes) = tail_of(path, RECORD_TAIL)?;
+    if !is_whole {
         let line = bytes.iter().position(|byte| *byte == b'\n').map_or(bytes.len(), |end| end + 1);
         bytes.drain(..line);
     }

@@ -13,6 +13,7 @@ mod export;
 mod fcp;
 mod memory;
 mod render;
+mod replay;
 mod run;
 mod selftest;
 mod settings;
@@ -46,6 +47,7 @@ enum Command {
     Export(export::Args),
     Fcp(fcp::Args),
     Render(render::Args),
+    Replay(replay::Args),
     Run(run::Args),
     Selftest(selftest::Args),
     Settings(settings::Args),
@@ -65,6 +67,7 @@ impl Command {
             Self::Export(args) => args.run(),
             Self::Fcp(args) => args.run(),
             Self::Render(args) => args.run(),
+            Self::Replay(args) => args.run(),
             Self::Run(args) => args.run(),
             Self::Selftest(args) => args.run(),
             Self::Settings(args) => args.run(),

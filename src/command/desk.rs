@@ -23,7 +23,7 @@ const KEPT_WITHIN: Duration = Duration::from_secs(5);
 const ENDED_WITHIN: Duration = Duration::from_secs(1800);
 
 /// The number of an order here: requests to actors carry it, and their results repeat it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, serde::Serialize, serde::Deserialize)]
 pub struct OrderNumber(pub u32);
 
 /// What the caller is to do.
@@ -41,7 +41,7 @@ pub enum Step {
 }
 
 /// What the desk knows of the lens, to tell a large move.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Focus {
     /// Where it is, where that is known, counts.
     pub position: Option<i32>,

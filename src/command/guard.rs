@@ -31,7 +31,7 @@ const BOOTS: usize = 4;
 const COMPUTERS: usize = 16;
 
 /// What is to be done with a command.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Act {
     /// Run it.
@@ -43,7 +43,7 @@ pub enum Act {
 }
 
 /// A command as it stands in a block.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Slot {
     /// The command's number.
     pub code: u8,
@@ -83,7 +83,7 @@ impl Slot {
 }
 
 /// Whether a block shows the key of its sender.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum Authenticity {
     /// It does.
     Shown,
@@ -94,7 +94,7 @@ pub enum Authenticity {
 }
 
 /// Where a block comes from.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Sender {
     /// Who sent it.
     pub computer: FlightComputer,
@@ -111,7 +111,7 @@ pub struct Sender {
 }
 
 /// What the guard needs to know besides.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Situation {
     /// Who may command.
     pub lease: Option<Lease>,
@@ -122,7 +122,7 @@ pub struct Situation {
 }
 
 /// A command that passed, as an order to the rest of the program.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Order {
     /// Who gave it.
     pub from: FlightComputer,
@@ -135,7 +135,7 @@ pub struct Order {
 }
 
 /// What becomes of a command in a block.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum Verdict {
     /// It runs.
     Run(Order),

@@ -46,7 +46,7 @@ const UPTIME_JITTER: Duration = Duration::from_secs(10);
 const UPTIME_DRIFT: f64 = 1e-3;
 
 /// What happened.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum Event {
     /// A computer connected, for the first time or anew: what its earlier connection claimed is over.
     Connected {
@@ -73,7 +73,7 @@ pub enum Event {
 }
 
 /// The right to command, granted to one computer at a time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub struct Lease {
     /// Who has it.
     pub computer: FlightComputer,

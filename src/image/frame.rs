@@ -3,15 +3,15 @@
 use crate::sky::{ClockQuality, Observer, RowOrder, Utc};
 
 /// The camera's own running number of an image.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, serde::Serialize, serde::Deserialize)]
 pub struct ImageCounter(pub u32);
 
 /// The flight computer's number of the series of triggers that an image belongs to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, serde::Serialize, serde::Deserialize)]
 pub struct TriggerCounter(pub u32);
 
 /// What made a camera expose.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ExposedBy {
     /// The program asked for it, or the camera has a rate of its own: nobody else triggers it.
@@ -24,7 +24,7 @@ pub enum ExposedBy {
 }
 
 /// What is known of a frame besides its pixels.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Stamp {
     /// The image's number.
     pub image: ImageCounter,

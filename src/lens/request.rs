@@ -8,15 +8,15 @@ use std::fmt;
 pub struct FocusCounts(pub i32);
 
 /// A position of the aperture: 0 is fully open, higher is more closed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct AperturePosition(pub i32);
 
 /// Counts the requests of one source; the answer repeats it.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct RequestCounter(pub u32);
 
 /// What the lens can be asked.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LensCommand {
     /// Throw away what is under way on the line, and get in step with the controller again.

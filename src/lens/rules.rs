@@ -5,7 +5,7 @@ use crate::settings::LensSettings;
 use std::time::Duration;
 
 /// Times, tolerances and permissions.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Rules {
     /// A reply to a word that doesn't move comes within this time.
     pub reply_timeout: Duration,

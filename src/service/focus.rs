@@ -4,6 +4,7 @@ use super::housekeeping::Quantity;
 use super::hub::Hub;
 use super::state::{Finished, State};
 use crate::command::{Command, OrderNumber, Refusal, Stage, Tick};
+use crate::journal::{What, mark};
 use crate::lens::autofocus::{
     self, Autofocus, AutofocusRules, Decision, Ending, Event, Finding, FocusImage, Learned, Mode, SweepPlan,
 };
@@ -78,7 +79,7 @@ impl Hub {
                 return Err((Refusal::Busy, "an autofocus is under way".to_owned()));
             }
             desk.order = Some(number);
-            desk.autofocus.on(now, event)
+            self.run_focus(&mut desk, now, event)
         };
         if let Decision::Refused(why) = decision {
             self.focus.desk().order = None;
@@ -89,10 +90,17 @@ impl Hub {
         Ok(())
     }
 
+    /// Tells the autofocus, and notes it.
+    fn run_focus(&self, desk: &mut Desk, now: Tick, event: Event) -> Decision {
+        let decision = desk.autofocus.on(now, event.clone());
+        self.journal.note(now, What::Focus { event, led_to: mark(&decision) });
+        decision
+    }
+
     /// Something happened that the autofocus should know.
     pub(super) fn tell_focus(&self, state: &mut State, event: Event) {
         let now = self.clock.uptime();
-        let decision = self.focus.desk().autofocus.on(now, event);
+        let decision = self.run_focus(&mut self.focus.desk(), now, event);
         self.follow_focus(state, now, decision);
     }
 
@@ -146,7 +154,7 @@ impl Hub {
                 let (stage, why, words) = told(&finding);
                 tracing::info!(?finding, "autofocus ended: {words}");
                 if let Some(number) = order {
-                    state.desk.report(now, number, stage, why, words);
+                    self.report(state, now, number, (stage, why, words));
                 }
             }
         }

@@ -5,6 +5,7 @@ use super::camera;
 use super::clock::Clock;
 use super::focus::Focus;
 use super::inbox::Inbox;
+use super::journal;
 use super::kept::{self, Kept};
 use super::ledger::{self, Keep};
 use super::lens;
@@ -15,8 +16,10 @@ use super::state::{Finished, Peer, Readiness, Restart, Settling, State};
 use super::supervisor::Ended;
 pub use super::told::{Handle, ToHub};
 use crate::command::{
-    Authenticity, BootId, Decision, Event, FlightComputer, OrderNumber, Refusal, Sender, Situation, Stage, Step, Tick, Verdict,
+    Authenticity, BootId, Decision, Errand, Event, FlightComputer, OrderNumber, Refusal, Sender, Situation, Stage, Step, Tick,
+    Verdict,
 };
+use crate::journal::{What, mark};
 use crate::lens::autofocus;
 use crate::settings::Settings;
 use crate::sky::ClockComparison;
@@ -41,6 +44,8 @@ pub struct Hub {
     pub archives: Vec<archive::Handle>,
     /// The time that the arbitration counts in.
     pub clock: Clock,
+    /// Where it is noted what the machines are told.
+    pub journal: journal::Handle,
     /// Where what outlasts a restart is kept; `None` where it is not.
     pub ledger: Option<ledger::Handle>,
     /// Where requests to the camera go; `None` where there is none.
@@ -74,7 +79,7 @@ impl Hub {
                 Some(message) = inbox.recv() => self.take(&mut state, message),
                 () = sleep_until(lapse) => self.arbitrate(&mut state, Event::Time, Instant::now()),
                 () = sleep_until(state.lull_ends()) => self.reset_after_lull(&mut state),
-                () = sleep_until(order) => state.desk.expire(self.clock.uptime()),
+                () = sleep_until(order) => drop(self.at_desk(&mut state, self.clock.uptime(), Errand::Expire)),
                 () = sleep_until(state.strain.deadline()) => state.strain.calm(Instant::now()),
                 () = sleep_until(focus) => self.tell_focus(&mut state, autofocus::Event::Time),
                 () = self.stop.cancelled() => return Ok(()),
@@ -199,6 +204,10 @@ impl Hub {
     fn take_outcome(&self, state: &mut State, finished: Arc<Finished>) {
         let outcome = &finished.outcome;
         log_outcome(&finished);
+        if finished.picture.is_none() {
+            let (image, reason, detail) = (outcome.stamp.image, outcome.reason, outcome.detail.clone());
+            self.journal.note(self.clock.tick(finished.captured), What::Ended { image, reason, detail });
+        }
         let counters = &mut state.counters;
         let counter = match outcome.reason {
             Reason::Solved => Some(&mut counters.frames_solved),
@@ -237,7 +246,7 @@ impl Hub {
         let now = Instant::now();
         state.peers.retain(|peer| peer.computer != computer);
         state.peers.push(Peer { computer, boot, connection, connected: now, status: None, clock: ClockComparison::default() });
-        state.desk.begin(self.clock.uptime(), computer, boot);
+        self.at_desk(state, self.clock.uptime(), Errand::Begin { computer, boot });
         self.arbitrate(state, Event::Connected { computer, boot }, now);
     }
 
@@ -279,7 +288,7 @@ impl Hub {
     ) {
         let Some(boot) = state.peers.iter().find(|peer| peer.computer == computer).map(|peer| peer.boot) else { return };
         let now = self.clock.uptime();
-        state.desk.replies.acknowledge(computer, block.acknowledged.get());
+        self.at_desk(state, now, Errand::Acknowledge { computer, serial: block.acknowledged.get() });
         let block_boot = BootId(block.boot_id.get());
         let sender = Sender { computer, boot, block_boot, under: Some(block.under()), delay, authenticity };
         let situation = Situation {
@@ -287,7 +296,10 @@ impl Hub {
             ours: BootId(self.clock.boot_id()),
             window_s: state.settings.commands.window_s,
         };
-        for verdict in state.guard.on(&sender, &situation, &block.slots()) {
+        let slots = block.slots();
+        let verdicts = state.guard.on(&sender, &situation, &slots);
+        self.journal.note(now, What::Block { sender, situation, slots, led_to: mark(&verdicts) });
+        for verdict in verdicts {
             self.take_verdict(state, now, computer, verdict);
         }
     }
@@ -295,7 +307,8 @@ impl Hub {
     /// A verdict goes to the desk; what is refused stands in the log as often as a reply tells it.
     pub(super) fn take_verdict(&self, state: &mut State, now: Tick, computer: FlightComputer, verdict: Verdict) {
         let before = state.desk.replies.last().map(|reply| reply.serial);
-        let step = state.desk.take(now, computer, verdict, state.focus());
+        let errand = Errand::Take { from: computer, verdict, focus: state.focus() };
+        let step = self.at_desk(state, now, errand);
         if let Some(reply) = state.desk.replies.last()
             && reply.stage == Stage::Rejected
             && Some(reply.serial) != before
@@ -336,7 +349,7 @@ impl Hub {
     /// An order goes on: its counter is on disk, it does not wait for that, or it fails for want of it.
     fn take_step(&self, state: &mut State, number: OrderNumber, kept: Result<(), String>) {
         let now = self.clock.uptime();
-        let step = state.desk.kept(now, number, kept);
+        let step = self.at_desk(state, now, Errand::Kept { number, kept });
         self.follow(state, now, step);
     }
 
@@ -346,7 +359,7 @@ impl Hub {
             Ok(words) => (Stage::Completed, None, words),
             Err((why, words)) => (Stage::Failed, Some(why), words),
         };
-        state.desk.report(self.clock.uptime(), number, stage, why, words);
+        self.report(state, self.clock.uptime(), number, (stage, why, words));
     }
 
     fn take_end(&self, state: &mut State, connection: u64) {
@@ -358,7 +371,10 @@ impl Hub {
 
     fn arbitrate(&self, state: &mut State, event: Event, now: Instant) {
         let before = state.in_charge();
-        match state.charge.on(self.clock.tick(now), event) {
+        let tick = self.clock.tick(now);
+        let decision = state.charge.on(tick, event);
+        self.journal.note(tick, What::Charge { event, led_to: mark(&decision) });
+        match decision {
             Decision::Unchanged | Decision::Stranger(_) => {}
             Decision::Granted(to) => tracing::info!(to = to.computer.0, epoch = to.epoch.0, "in charge"),
             Decision::Moved { from, to } => {
@@ -367,8 +383,21 @@ impl Hub {
             Decision::Ended { from, lapsed } => tracing::info!(from = from.0, lapsed, "nobody is in charge"),
         }
         if before != state.in_charge() {
-            state.desk.disarm();
+            self.at_desk(state, tick, Errand::Disarm);
         }
+    }
+
+    /// Brings an errand to the desk; what is to be done then.
+    pub(super) fn at_desk(&self, state: &mut State, now: Tick, errand: Errand) -> Option<Step> {
+        let step = state.desk.on(now, errand.clone());
+        self.journal.note(now, What::Desk { errand, led_to: mark(&(step, state.desk.replies.last())) });
+        step
+    }
+
+    /// Tells the desk how far an order is: its stage, why no further, and in words.
+    pub(super) fn report(&self, state: &mut State, now: Tick, number: OrderNumber, said: (Stage, Option<Refusal>, String)) {
+        let (stage, why, detail) = said;
+        self.at_desk(state, now, Errand::Report { number, stage, why, detail });
     }
 }
 
@@ -416,6 +445,7 @@ mod tests {
             recorder: None,
             archives: Vec::new(),
             clock: Clock::start(),
+            journal: journal::Handle::default(),
             ledger: None,
             camera: None,
             lens: lens::Handle::new(mpsc::channel(1).0),

@@ -18,6 +18,7 @@
 //! | hub → ledger | what outlasts a restart | 32 | a command that waits for it fails as `not_kept`; all else is sent again |
 //! | ledger, programs → hub | what was kept, what came of it | 64, shared | the sender waits |
 //! | camera, hub → archive | frames, outcomes | 64 | the frame is counted as lost there, and solved all the same; without its outcome it is kept all the same; the archive always takes: beyond `record.queue_images` the oldest is lost and counted |
+//! | hub, lens, solver → journal | what the machines were told | 1024 | counted as lost, which the journal says itself; it always takes: beyond 16,384 the oldest is lost and counted |
 //! | hub → recorder | outcomes | 64 | counted as lost; the recorder always takes: beyond `record.queue_frames` the oldest is lost and counted |
 //! | session → its server of images | the newest request | 1 | replaced; whoever asks again before an answer came has none to the first |
 //! | server of images → session | answers: chunks, refusals | 1 | the server waits, while an update is due |
@@ -45,6 +46,7 @@ mod hub;
 mod images;
 mod inbox;
 mod index;
+mod journal;
 mod keeper;
 mod kept;
 mod keys;
@@ -59,6 +61,8 @@ mod orders;
 mod parts;
 mod pulse;
 mod recorder;
+mod replay;
+mod replayer;
 mod runs;
 mod session;
 mod solver;
@@ -80,12 +84,15 @@ pub use file::{FileError, free_bytes, read_file};
 pub use flight_computer::{STATUS_PERIOD, Seen, Sighting, fly};
 pub use housekeeping::{Measurements, Quantity, Reading, SensorError, is_simulated, read_once};
 pub use index::{IndexOrigin, Prepared, prepare};
+pub use journal::files as journals;
 pub use kept::Kept;
 pub use keys::Keys;
 pub use lens::{Handle as LensHandle, LensAlone, SimulatedLens, ToLens};
 pub use manager::{Inherited, LinkName, Manager};
 pub use parts::{Parts, PartsError, Stars, load_bad_pixels, load_catalogue, simulated_lens, simulated_sky};
 pub use pulse::Upset;
+pub use replay::{Again, Answers, Now, Replay, Tally, Wishes};
+pub use replayer::{ReplayError, Replayer};
 pub use runs::Run;
 pub use session::Closed;
 pub use solver::{MakeSolver, Solve};
@@ -117,7 +124,6 @@ use tokio::net::TcpListener;
 use tokio::sync::{Semaphore, watch};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
-use tracing::Span;
 use visitors::Visitors;
 use watchman::Watchman;
 
@@ -193,6 +199,7 @@ pub struct Running {
     pub simulated_lens: Option<SimulatedLens>,
     pulses: Pulses,
     listener: Listener,
+    replayer: Replayer,
     /// Where it is noted how this run ends; `None` where nothing is kept.
     runs: Option<Runs>,
     legacy: Option<LegacyListener>,
@@ -222,6 +229,11 @@ impl Door {
 }
 
 impl Running {
+    /// Runs the last frames again, for operators who ask what other settings would have given.
+    pub fn replayer(&self) -> Replayer {
+        self.replayer.clone()
+    }
+
     /// A way in that outlasts this handle.
     pub fn door(&self) -> Door {
         Door { listener: self.listener.clone(), address: self.address }
@@ -346,18 +358,16 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
     let at_start = State { counters_kept: ledger.is_some(), run, found, ..resumed(&settings, &kept) };
     let (publish, state) = watch::channel(Arc::new(at_start));
     let [edges, solving, owning, keeping] = std::array::from_fn(|_| Stage::default());
-    let (to_hub, hub_inbox) = inbox::channel(HUB_INBOX);
-    let (abort_solver, abort) = watch::channel(0);
+    let ((to_hub, hub_inbox), (abort_solver, abort)) = (inbox::channel(HUB_INBOX), watch::channel(0));
     let hub = hub::Handle::new(to_hub);
-    let (span, pulses) = (span_of(&settings), Pulses::default());
-    span.in_scope(|| announce(address, &settings, run, &kept));
-    let watchman =
-        Watchman { hub: hub.clone(), settings: Arc::clone(&settings), state: state.clone(), clock, span, pulses: pulses.clone() };
+    let watchman = Watchman::new(hub.clone(), &settings, state.clone(), clock).keep_journal(&keeping, &kept);
+    watchman.span.in_scope(|| announce(address, &settings, run, &kept));
 
     let recorder = watchman.keep_recorder(&keeping);
     let ledger = ledger.map(|ledger| watchman.keep_ledger(&keeping, ledger));
     let to_lens = watchman.keep_lens(&edges, lens.as_ref());
     let (page, shown) = watchman.keep_display(&edges, page);
+    let replayer = Replayer::new(watchman.journal.clone(), Arc::clone(&parts.solver), state.clone());
     let to_solver = watchman.keep_solver(&solving, parts.solver, abort, shown);
     let archives = watchman.keep_archives(&keeping);
     let camera = parts.camera.map(|make| watchman.keep_camera(&edges, make, to_solver, archives.clone()));
@@ -368,6 +378,7 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
         recorder,
         archives: archives.into_iter().map(|(_, archive)| archive).collect(),
         clock,
+        journal: watchman.journal.clone(),
         ledger,
         camera,
         lens: to_lens.clone(),
@@ -404,8 +415,9 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
         clock,
         lens: to_lens,
         simulated_lens: lens,
-        pulses,
+        pulses: watchman.pulses,
         listener,
+        replayer,
         legacy,
         page,
         runs,
@@ -433,11 +445,6 @@ impl Seats {
         links.into_iter().for_each(|(link, stream)| listener.resume(link, stream));
         (listener, legacy)
     }
-}
-
-/// Marks the log where images go through anything that is simulated.
-fn span_of(settings: &Settings) -> Span {
-    if Simulated::of(settings).any() { tracing::info_span!("simulated") } else { Span::none() }
 }
 
 /// A line of the log for the start.

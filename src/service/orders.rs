@@ -3,7 +3,7 @@
 use super::camera::ToCamera;
 use super::hub::{Hub, ToHub};
 use super::state::{Ending, Settling, State};
-use crate::command::{self, Command, OrderNumber, Refusal, Stage, Tick};
+use crate::command::{self, Command, Errand, OrderNumber, Refusal, Stage, Tick};
 use crate::lens::{AperturePosition, FocusCounts, LensCommand, LensError, LensResult, RequestCounter, autofocus};
 use std::path::Path;
 use std::process::Stdio;
@@ -54,7 +54,7 @@ impl Hub {
             Done::Asked => return,
             Done::Not(why, words) => (Stage::Failed, Some(why), words),
         };
-        state.desk.report(now, number, stage, why, words);
+        self.report(state, now, number, (stage, why, words));
     }
 
     fn act(&self, state: &mut State, number: OrderNumber, command: Command) -> Done {
@@ -69,12 +69,12 @@ impl Hub {
             Command::ResetNetwork {} => self.run_program(number, "network_reset_program", &commands.network_reset_program),
             Command::FactoryReset {} => {
                 state.reset(&self.initial);
-                state.desk.disarm();
+                self.at_desk(state, self.clock.uptime(), Errand::Disarm);
                 Done::OnceKept("the settings of the start are in force".to_owned())
             }
             Command::KnownGood {} => {
                 state.reset(&self.initial);
-                state.desk.disarm();
+                self.at_desk(state, self.clock.uptime(), Errand::Disarm);
                 self.stop_lens(state, number)
             }
             Command::StopLens {} => self.stop_lens(state, number),
@@ -155,7 +155,7 @@ impl Hub {
             LensResult::Failed(LensError::NotThere) if is_stop => (Stage::Completed, None, "there is no lens".to_owned()),
             LensResult::Failed(error) => (Stage::Failed, Some(why_failed(error)), error.to_string()),
         };
-        state.desk.report(now, number, stage, why, words);
+        self.report(state, now, number, (stage, why, words));
     }
 
     /// Ends the order for the flight defaults once nothing moves any more: a move that had begun cannot be stopped.
@@ -165,7 +165,7 @@ impl Hub {
         }
         if let Some(number) = state.rests.take() {
             let words = "flight defaults, lens at rest".to_owned();
-            state.desk.report(self.clock.uptime(), number, Stage::Completed, None, words);
+            self.report(state, self.clock.uptime(), number, (Stage::Completed, None, words));
         }
     }
 

@@ -59,7 +59,6 @@ impl Parts {
     /// # Errors
     /// As there.
     pub fn with_stars(settings: &Arc<Settings>, stars: &Stars) -> Result<Self, PartsError> {
-        let bad_pixels = Arc::new(load_bad_pixels(settings)?);
         let lens = simulated_lens(settings)?;
         let camera = match settings.camera.kind {
             CameraKind::None => None,
@@ -79,9 +78,17 @@ impl Parts {
                 Some(source(move || simulated_sky(&settings, &stars, lens.as_ref())))
             }
         };
-        let solver = retouched(solver(Arc::clone(settings), stars.clone()), Arc::clone(settings), bad_pixels);
-        Ok(Self { camera, solver, lens })
+        Ok(Self { camera, solver: make_solver(settings, stars)?, lens })
     }
+}
+
+/// Makes solvers by the settings.
+///
+/// # Errors
+/// Where the list of bad pixels is wrong.
+pub fn make_solver(settings: &Arc<Settings>, stars: &Stars) -> Result<MakeSolver, PartsError> {
+    let bad_pixels = Arc::new(load_bad_pixels(settings)?);
+    Ok(retouched(solver(Arc::clone(settings), stars.clone()), Arc::clone(settings), bad_pixels))
 }
 
 /// The simulated lens, where the settings have one.

@@ -4,15 +4,18 @@
 //! is given up when it is too old or the service stops; a solver that panics, or does not stop when told, ends its frame as
 //! `failed` and is made anew. Every frame ends in one outcome.
 
+use super::clock::Clock;
 use super::hub::{self, ToHub, sleep_until};
 use super::inbox::Inbox;
+use super::journal::{self, SolvedNote};
 use super::left_behind::LeftBehind;
 use super::pulse::Pulse;
 use super::state::{Finished, Readiness, Shed, State};
 use super::supervisor::{Ended, panic_message};
 use crate::image::{Frame, ImageCounter};
+use crate::journal::What;
 use crate::settings::Settings;
-use crate::solve::{Motion, Moved, Outcome, Prior, Reason, Report, Stop, Tracker, Watch};
+use crate::solve::{Motion, Moved, Outcome, Prior, Reason, Report, Stop, Tracker, Watch, Window, Witness};
 use crate::wire::legacy::Picture;
 use std::collections::BTreeMap;
 use std::pin::pin;
@@ -85,6 +88,10 @@ pub struct SolverActor {
     pub left_behind: LeftBehind,
     /// Where the last frame that was looked at is shown, before its outcome is told.
     pub shown: Arc<watch::Sender<Option<Arc<Frame>>>>,
+    /// Where it is noted what the solver was given.
+    pub journal: journal::Handle,
+    /// The service's clock.
+    pub clock: Clock,
     /// When to end; the frame that is being solved ends as `aborted`.
     pub stop: CancellationToken,
 }
@@ -93,14 +100,27 @@ pub struct SolverActor {
 struct Done {
     solver: Result<Box<dyn Solve>, String>,
     finished: Option<Finished>,
+    /// Where the solver was stopped; `None` where it was given nothing.
+    window: Option<Window>,
+}
+
+/// A frame that is given to the solver.
+#[derive(Clone)]
+struct Given {
+    /// The frame, its prior with what earlier ones have shown.
+    captured: Captured,
+    /// The prior as it was sent.
+    sent: Prior,
+    /// Whether it is given again, because its motion has come.
+    again: bool,
 }
 
 /// How a job ended: its frame, and what it gave back or why there is nothing.
-type Ending = Option<(Option<Captured>, Result<Done, String>)>;
+type Ending = Option<(Option<Given>, Result<Done, String>)>;
 
 /// A frame that was not solved and waits for its motion.
 struct Held {
-    captured: Captured,
+    given: Given,
     /// What it ends in where none comes.
     finished: Finished,
     until: Instant,
@@ -109,7 +129,9 @@ struct Held {
 /// What is under way on the blocking pool.
 struct Job {
     /// The frame; `None` while a solver is being made ready.
-    captured: Option<Captured>,
+    given: Option<Given>,
+    /// The settings that it is done with.
+    settings: Arc<Settings>,
     /// When to stop waiting for it.
     hangs_at: Instant,
     handle: JoinHandle<Done>,
@@ -125,6 +147,7 @@ impl SolverActor {
         }
         // What this actor's own frames have shown: one that is started again begins lost in space.
         let (mut tracker, first) = (Tracker::default(), Instant::now());
+        self.journal.note(self.clock.tick(first), What::SolverBegins);
         let mut in_force = InForce::default();
         let mut job = Some(self.start(None, None, in_force.of(&self.state.borrow())));
         let mut solver = None;
@@ -137,11 +160,11 @@ impl SolverActor {
         });
         loop {
             if job.is_none()
-                && let Some(motion) = held.as_ref().and_then(|held| self.motion_of(&held.captured))
-                && let Some(Held { captured, .. }) = held.take()
+                && let Some(motion) = held.as_ref().and_then(|held| self.motion_of(&held.given.captured))
+                && let Some(Held { given: Given { captured, sent, .. }, .. }) = held.take()
             {
-                let captured = Captured { motion: Some(motion), ..captured };
-                job = Some(self.start(solver.take(), Some(captured), in_force.of(&self.state.borrow())));
+                let given = Given { captured: Captured { motion: Some(motion), ..captured }, sent, again: true };
+                job = Some(self.start(solver.take(), Some(given), in_force.of(&self.state.borrow())));
             }
             if job.is_none()
                 && let Some(mut captured) = waiting.take()
@@ -149,24 +172,28 @@ impl SolverActor {
                 self.let_go(&mut held).await;
                 captured.motion = self.motion_of(&captured);
                 let at = captured.at.saturating_duration_since(first);
-                captured.prior = tracker.prior(at, captured.prior, &self.settings().solver.tracking);
+                let settings = in_force.of(&self.state.borrow());
+                let sent = captured.prior.clone();
+                captured.prior = tracker.prior(at, captured.prior, &settings.solver.tracking);
                 self.hub.tell(ToHub::Solving(Some(captured.frame.stamp.image))).await;
                 pulse.give_up(self.left_behind.too_many());
-                job = Some(self.start(solver.take(), Some(captured), in_force.of(&self.state.borrow())));
+                job = Some(self.start(solver.take(), Some(Given { captured, sent, again: false }), settings));
             }
             tokio::select! {
                 biased;
                 ended = finish(&mut job), if job.is_some() => {
-                    job = None;
-                    if let Some((_, Ok(Done { finished: Some(finished), .. }))) = &ended {
-                        let at = finished.captured.saturating_duration_since(first);
-                        tracker.learn(at, &finished.outcome, &self.settings().solver.tracking);
+                    if let (Some(Job { settings, .. }), Some((Some(given), Ok(done)))) = (job.take(), &ended)
+                        && let Some(finished) = &done.finished
+                    {
+                        let since = finished.captured.saturating_duration_since(first);
+                        tracker.learn(since, &finished.outcome, &settings.solver.tracking);
+                        self.note(given, since, done.window, settings, &finished.outcome);
                     }
                     let ended = self.hold(ended, &mut held);
                     solver = self.settle(ended).await;
                 }
                 // A frame that is being solved is waited for; a solver that is being made is not.
-                () = self.stop.cancelled(), if job.as_ref().is_none_or(|job| job.captured.is_none()) => {
+                () = self.stop.cancelled(), if job.as_ref().is_none_or(|job| job.given.is_none()) => {
                     self.let_go(&mut held).await;
                     return self.abort(&mut inbox).await;
                 }
@@ -196,12 +223,12 @@ impl SolverActor {
         let now = Instant::now();
         let may_come = settings.solver.motion.enabled && self.state.borrow().motions.are_sent(now) && !self.stop.is_cancelled();
         match ended {
-            Some((Some(captured), Ok(Done { solver, finished: Some(finished) })))
-                if may_come && captured.motion.is_none() && finished.outcome.reason.is_for_want_of_stars() =>
+            Some((Some(given), Ok(Done { solver, finished: Some(finished), window })))
+                if may_come && given.captured.motion.is_none() && finished.outcome.reason.is_for_want_of_stars() =>
             {
-                let until = captured.at + Duration::from_secs_f64(settings.solver.motion.wait_s);
-                *held = Some(Held { captured, finished, until });
-                Some((None, Ok(Done { solver, finished: None })))
+                let until = given.captured.at + Duration::from_secs_f64(settings.solver.motion.wait_s);
+                *held = Some(Held { given, finished, until });
+                Some((None, Ok(Done { solver, finished: None, window })))
             }
             ended => ended,
         }
@@ -219,26 +246,36 @@ impl SolverActor {
     }
 
     /// Puts a frame, or the making of a solver, on the blocking pool.
-    fn start(&self, solver: Option<Box<dyn Solve>>, captured: Option<Captured>, settings: Arc<Settings>) -> Job {
+    fn start(&self, solver: Option<Box<dyn Solve>>, given: Option<Given>, settings: Arc<Settings>) -> Job {
         let now = Instant::now();
         let timeout = Duration::from_secs_f64(settings.solver.timeout_s);
-        let deadline = captured.as_ref().map_or(now, |captured| captured.at) + timeout;
+        let deadline = given.as_ref().map_or(now, |given| given.captured.at) + timeout;
         let (abort, aborts) = (self.abort.clone(), *self.abort.borrow());
         let watch = JobWatch { started: now, deadline, stop: self.stop.clone(), abort, aborts };
-        let (make, theirs) = (Arc::clone(&self.make), captured.clone());
+        let (make, theirs) = (Arc::clone(&self.make), given.as_ref().map(|given| given.captured.clone()));
+        let in_force = Arc::clone(&settings);
         let running = self.left_behind.start();
         let handle = tokio::task::spawn_blocking(move || match running {
-            Some(_running) => work(solver, &make, theirs, &watch, &settings),
-            None => work(None, &broken(), theirs, &watch, &settings),
+            Some(_running) => work(solver, &make, theirs, &watch, &in_force),
+            None => work(None, &broken(), theirs, &watch, &in_force),
         });
-        Job { captured, hangs_at: deadline.max(now) + GRACE, handle }
+        Job { given, settings, hangs_at: deadline.max(now) + GRACE, handle }
+    }
+
+    /// Notes what the solver was given and what it answered, where it was asked.
+    fn note(&self, given: &Given, since: Duration, window: Option<Window>, settings: Arc<Settings>, outcome: &Outcome) {
+        let Some(window) = window else { return };
+        self.journal.solved(|| {
+            let Given { captured, sent, again } = given.clone();
+            SolvedNote { captured, sent, since, again, settings, window, outcome: outcome.clone() }
+        });
     }
 
     /// Tells the hub how a job ended; gives back the solver if it can be used again.
     async fn settle(&self, ended: Ending) -> Option<Box<dyn Solve>> {
-        let (captured, result) = ended?;
+        let (given, result) = ended?;
         match result {
-            Ok(Done { solver, finished }) => {
+            Ok(Done { solver, finished, .. }) => {
                 let readiness = solver.as_ref().map_or_else(|why| Readiness::Broken(why.clone()), |_| Readiness::Ready);
                 self.hub.tell(ToHub::Readiness(readiness)).await;
                 if let Some(finished) = finished {
@@ -248,8 +285,8 @@ impl SolverActor {
             }
             Err(why) => {
                 tracing::error!(why, "the solver broke; a fresh one takes its place");
-                match captured {
-                    Some(captured) => self.give_up(captured, Reason::Failed, &format!("the solver {why}")).await,
+                match given {
+                    Some(Given { captured, .. }) => self.give_up(captured, Reason::Failed, &format!("the solver {why}")).await,
                     None => self.hub.tell(ToHub::Readiness(Readiness::Broken(why))).await,
                 }
                 None
@@ -325,7 +362,7 @@ async fn finish(job: &mut Option<Job>) -> Ending {
         Ok(joined) => joined.map_err(panic_message),
         Err(_) => Err("did not stop when told".to_owned()),
     };
-    Some((job.captured.take(), result))
+    Some((job.given.take(), result))
 }
 
 /// The job itself, on the blocking pool.
@@ -340,18 +377,21 @@ fn work(
     if let Ok(solver) = &mut solver {
         solver.adopt(settings);
     }
+    let mut window = None;
     let finished = captured.map(|Captured { frame, exposures, at, prior, motion }| match &mut solver {
         Ok(solver) => {
+            let witness = Witness::new(watch);
             let outcome = match motion {
-                Some(motion) => solver.solve_moved(&frame, &Moved { exposures, motion }, &prior, watch),
-                None => solver.solve(&frame, &prior, watch),
+                Some(motion) => solver.solve_moved(&frame, &Moved { exposures, motion }, &prior, &witness),
+                None => solver.solve(&frame, &prior, &witness),
             };
+            window = Some(witness.window());
             let picture = Picture { width: frame.width, height: frame.height, rows: frame.rows };
             Finished { report: solver.report(&outcome), outcome, captured: at, picture: Some(picture) }
         }
         Err(why) => Finished::without_stars(Outcome::unsolved(frame.stamp.clone(), Reason::Failed, why.clone()), at),
     });
-    Done { solver, finished }
+    Done { solver, finished, window }
 }
 
 /// The solver's view of the clock and of the wish to stop.

@@ -220,6 +220,25 @@ pub fn files_of(directory: &Path, boot_id: u32, image: ImageCounter) -> io::Resu
     Ok(files)
 }
 
+/// Every exposure under some directories by the number of the start that took it, its image's number and its place in its series (0 where it
+/// stands alone); of two the first directory's. What cannot be looked into has none.
+pub fn all_files(directories: &[PathBuf]) -> BTreeMap<(u32, u32, u8), PathBuf> {
+    let within = |directory: &Path| fs::read_dir(directory).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut found = BTreeMap::new();
+    for day in directories.iter().flat_map(|directory| within(directory).collect::<Vec<_>>()) {
+        for path in within(&day) {
+            let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+            let Some(image) = number_in(&name) else { continue };
+            let (stem, part) = series_stem(&name).unwrap_or((name.strip_suffix(".fits").unwrap_or_default(), 0));
+            let boot = stem.rsplit('-').nth(1).and_then(|boot| u32::from_str_radix(boot, 16).ok());
+            if let (Some(boot), Ok(part)) = (boot, u8::try_from(part)) {
+                found.entry((boot, image.0, part)).or_insert(path);
+            }
+        }
+    }
+    found
+}
+
 /// The images that are there, in the order of their names, which is that of their times; what was never finished goes.
 fn look_through(directory: &Path) -> io::Result<Shelf<PathBuf>> {
     let mut found = Vec::new();

@@ -7,6 +7,7 @@ use super::display::{Page, PageSocket, Site};
 use super::housekeeping::{self, Housekeeper};
 use super::hub;
 use super::inbox;
+use super::journal::{self, Pages};
 use super::keeper::Keeper;
 use super::ledger::{self, Ledger, LedgerActor};
 use super::left_behind::LeftBehind;
@@ -16,11 +17,11 @@ use super::listener::Listener;
 use super::pulse::Pulse;
 use super::recorder::{self, Lines};
 use super::solver::{self, MakeSolver, SolverActor};
-use super::state::{Actor, Disk, State};
+use super::state::{Actor, Disk, Simulated, State};
 use super::store::{Store, StoreRules};
 use super::supervisor::{Backoff, Ended, Watched, supervise};
-use super::{Pulses, Stage};
-use crate::command::UNDER_WAY;
+use super::{Kept, Pulses, Stage};
+use crate::command::{BootId, UNDER_WAY};
 use crate::image::Frame;
 use crate::lens::Rules;
 use crate::settings::Settings;
@@ -37,10 +38,15 @@ const SOLVER_INBOX: usize = 2;
 const CAMERA_INBOX: usize = 4;
 /// Outcomes that may wait for the recorder's actor, which takes them at once.
 const RECORDER_INBOX: usize = 64;
+/// Entries that may wait for the journal's actor, which takes them at once: a flood of messages.
+const JOURNAL_INBOX: usize = 1024;
 /// Frames and outcomes that may wait for an archive's actor, which takes them at once.
 const ARCHIVE_INBOX: usize = 64;
 /// Requests that may wait for the lens's actor, which takes them at once.
 const LENS_INBOX: usize = 32;
+
+/// Bytes of a GiB.
+const GIB: f64 = (1_u64 << 30) as f64;
 
 /// Puts actors under the supervisor.
 pub struct Watchman {
@@ -56,9 +62,18 @@ pub struct Watchman {
     pub span: Span,
     /// The pulses of all actors.
     pub pulses: Pulses,
+    /// Where it is noted what the machines are told.
+    pub journal: journal::Handle,
 }
 
 impl Watchman {
+    /// One of nothing yet. The log is marked where images go through anything that is simulated.
+    pub fn new(hub: hub::Handle, settings: &Arc<Settings>, state: watch::Receiver<Arc<State>>, clock: Clock) -> Self {
+        let span = if Simulated::of(settings).any() { tracing::info_span!("simulated") } else { Span::none() };
+        let (pulses, journal) = (Pulses::default(), journal::Handle::default());
+        Self { hub, settings: Arc::clone(settings), state, clock, span, pulses, journal }
+    }
+
     /// Keeps an actor running until its stage ends; `start` makes it anew each time.
     pub fn keep<F, A>(&self, stage: &Stage, actor: Actor, start: F)
     where
@@ -92,10 +107,32 @@ impl Watchman {
         Some(to_recorder)
     }
 
+    /// Keeps the journal, where there is to be one; it begins with what this run begins from.
+    #[must_use]
+    pub fn keep_journal(mut self, stage: &Stage, kept: &Kept) -> Self {
+        let record = &self.settings.record;
+        if !(record.enabled && record.journal) {
+            return self;
+        }
+        let (to_journal, inbox) = inbox::channel(JOURNAL_INBOX);
+        let backlog = Pages::new(journal::Rules {
+            directory: Path::new(&record.directory).to_owned(),
+            limit_bytes: (record.journal_limit_gib * GIB) as u64,
+            reserve_bytes: (record.reserve_gib * GIB) as u64,
+            stem: journal::stem(&self.clock),
+            boot: BootId(self.clock.boot_id()),
+        });
+        self.journal = journal::Handle::new(to_journal, self.clock, &backlog);
+        self.journal.note(self.clock.uptime(), journal::begin(&self.clock, &self.settings, kept));
+        let (hub, backoff, stop) = (self.hub.clone(), Backoff::new(&self.settings.service), stage.stop.clone());
+        let actor = Keeper { inbox, hub, backlog, queue: journal::WAITING, backoff, stop };
+        // To whoever counts restarts it is a second recorder, as there may be a second archive.
+        self.keep(stage, Actor::Recorder, move |pulse| actor.clone().run(pulse));
+        self
+    }
+
     /// Keeps an archive running for each disk on which images are kept.
     pub fn keep_archives(&self, stage: &Stage) -> Vec<(Disk, archive::Handle)> {
-        /// Bytes of a GiB.
-        const GIB: f64 = (1_u64 << 30) as f64;
         let record = &self.settings.record;
         let keep = |(disk, (_, directory))| {
             let (to_archive, inbox) = inbox::channel(ARCHIVE_INBOX);
@@ -137,6 +174,7 @@ impl Watchman {
             rules: Rules::of(settings),
             focus_before: Arc::new(move || state.borrow().focus_kept),
             open: Arc::default(),
+            journal: self.journal.clone(),
             clock: self.clock,
             stop: stage.stop.clone(),
         };
@@ -158,7 +196,9 @@ impl Watchman {
         let (to_solver, inbox) = inbox::channel(SOLVER_INBOX);
         let (hub, state, stop) = (self.hub.clone(), self.state.clone(), stage.stop.clone());
         let (left_behind, shown) = (LeftBehind::default(), Arc::new(shown));
-        let actor = SolverActor { inbox, hub, make, open: Arc::default(), state, abort, left_behind, shown, stop };
+        let (journal, clock) = (self.journal.clone(), self.clock);
+        let actor =
+            SolverActor { inbox, hub, make, open: Arc::default(), state, abort, left_behind, shown, journal, clock, stop };
         self.keep(stage, Actor::Solver, move |pulse| actor.clone().run(pulse));
         to_solver
     }

@@ -39,6 +39,12 @@ impl Settings {
         Ok(Layers::embedded().load()?.settings)
     }
 
+    /// All of them as the text of a flight file, from which they are read again to the last bit.
+    pub fn to_toml(&self) -> String {
+        // Settings are plain structs with text keys, so that nothing of them has no place in TOML.
+        toml::to_string(self).unwrap_or_default()
+    }
+
     /// How many settings have another value in `other`.
     pub fn differences(&self, other: &Self) -> u16 {
         fn count(a: &serde_json::Value, b: &serde_json::Value) -> u16 {

@@ -291,6 +291,8 @@ pub(super) const RULES: &[Rule] = &[
     number("record.images_limit_gib", "GiB", 0.0, 1e6),
     number("record.reserve_gib", "GiB", 0.0, 1e6),
     whole("record.queue_images", "images", 1, 1024),
+    switch("record.journal"),
+    number("record.journal_limit_gib", "GiB", 0.0, 1e6),
     number("housekeeping.period_s", "s", 0.05, 3600.0),
     number("housekeeping.max_age_s", "s", 0.1, 86_400.0),
     number("housekeeping.command_timeout_s", "s", 0.05, 60.0),

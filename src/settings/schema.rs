@@ -739,6 +739,10 @@ pub struct RecordSettings {
     pub reserve_gib: f64,
     /// Images that may wait for each disk.
     pub queue_images: u32,
+    /// Keep a journal of every input too.
+    pub journal: bool,
+    /// What journals may take, GiB; 0 for as much as there is.
+    pub journal_limit_gib: f64,
 }
 
 impl RecordSettings {

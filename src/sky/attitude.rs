@@ -7,7 +7,7 @@ use std::f64::consts::FRAC_PI_2;
 ///
 /// Always a proper rotation: the constructors take angles or re-orthonormalise, because nalgebra's conversions from
 /// a matrix may hang on one that is not (its issues 1099, 1529, 1583).
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Attitude {
     /// Columns: left, up, boresight in ICRS.
     axes: Mat3,

@@ -3,7 +3,7 @@
 use super::Vec3;
 
 /// Which end of the picture the first row of a file is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RowOrder {
     /// The first row is the bottom one: FITS.

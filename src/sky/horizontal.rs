@@ -3,7 +3,7 @@
 use super::{ARCSEC, Attitude, Mat3, Vec3, wrap_pi, wrap_two_pi};
 
 /// Where the observer stands and how far the sky has turned.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Observer {
     /// Geodetic latitude, rad, north positive.
     pub latitude: f64,

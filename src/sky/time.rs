@@ -1,7 +1,7 @@
 //! Times: UTC as a stamp that may be wrong.
 
 /// How far a clock can be believed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ClockQuality {
     /// Nobody set it.
@@ -26,7 +26,7 @@ impl ClockQuality {
 }
 
 /// A UTC instant inside the years in which this program can make sense of a clock, 1990 to 2090.
-#[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd, serde::Serialize, serde::Deserialize)]
 pub struct Utc {
     unix_s: f64,
 }

@@ -10,7 +10,9 @@ use super::resources::Held;
 use super::schedule::{Class, Fault, schedule};
 use crate::camera::Gondola;
 use crate::command::{Act, Command, Tick};
-use crate::service::{Actor, Door, Doors, Parts, Running, SimulatedLens, SimulatedUtc, Stars, StartError, Upset, start_with};
+use crate::service::{
+    Actor, Door, Doors, Parts, Running, SimulatedLens, SimulatedUtc, Stars, StartError, State, Upset, start_with,
+};
 use crate::settings::{CameraKind, LensKind, SensorSource, Settings};
 use crate::simulate::lens::{FaultKind, Received};
 use rand::{Rng, SeedableRng};
@@ -23,8 +25,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::watch;
 use tokio::task::{JoinHandle, JoinSet};
-use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until, timeout_at};
 
 /// What is to be flown.
 #[derive(Debug, Clone)]
@@ -60,6 +63,8 @@ const GIB: f64 = (1_u64 << 30) as f64;
 const IMAGES_BYTES: f64 = 2e9;
 /// What images leave free, bytes: enough for the log of a flight.
 const RESERVE_BYTES: f64 = 8e6;
+/// What journals may take of a disk that is small, bytes.
+const SMALL_JOURNAL_BYTES: f64 = 32e6;
 /// A disk of up to this size may be filled, bytes.
 const SMALL_DISK: u64 = 256 << 20;
 /// What fills it: name, and the bytes that are written at a time.
@@ -244,6 +249,7 @@ fn adapted(settings: &Settings, plan: &Plan) -> Settings {
     // Room for what else is kept, and for what fills a small disk now and then.
     settings.record.images_limit_gib = if is_small(&plan.directory) { 0.75 * SMALL_DISK as f64 } else { IMAGES_BYTES } / GIB;
     settings.record.reserve_gib = RESERVE_BYTES / GIB;
+    settings.record.journal_limit_gib = if is_small(&plan.directory) { SMALL_JOURNAL_BYTES } else { IMAGES_BYTES } / GIB;
     settings.commands.ledger_directory = within("state");
     settings
 }
@@ -352,6 +358,12 @@ impl Soak {
         })
     }
 
+    /// The solver takes long over each step.
+    fn crawl(&self, until: Instant, running: &Running, tasks: &mut JoinSet<()>) {
+        self.faults.begin(Class::SolverCrawls, until);
+        tasks.spawn(give_up(running.state.clone(), self.handles.clone(), self.account.clone(), until));
+    }
+
     /// Begins a fault.
     fn begin(&self, fault: &Fault, running: &Running, tasks: &mut JoinSet<()>) {
         let until = Instant::now() + fault.lasts;
@@ -390,6 +402,7 @@ impl Soak {
             | Class::SolverPanics
             | Class::SolverHangs
             | Class::SolverSlow => self.faults.begin(fault.class, until),
+            Class::SolverCrawls => self.crawl(until, running, tasks),
             Class::RecordDiskDead => {
                 self.account.disk_dies();
                 drop(tasks.spawn(spoil(PathBuf::from(&self.settings.record.directory), until)));
@@ -481,6 +494,25 @@ async fn ground(handles: [Handle; 2], account: Account, seed: u64) {
             }
         }
     }
+}
+
+/// The ground gives up every second frame that is being solved; the others grow too old.
+async fn give_up(mut state: watch::Receiver<Arc<State>>, handles: [Handle; 2], account: Account, until: Instant) {
+    let frames = async {
+        let mut patient = true;
+        while state.wait_for(|state| state.solving.is_some()).await.is_ok() {
+            if let Some(handle) = handles.iter().find(|handle| handle.is_in_charge()).filter(|_| !patient) {
+                let command = Command::AbortSolver {};
+                account.give(&command);
+                handle.give(Act::Run, command);
+            }
+            patient = !patient;
+            if state.wait_for(|state| state.solving.is_none()).await.is_err() {
+                break;
+            }
+        }
+    };
+    let _ = timeout_at(until, frames).await;
 }
 
 /// A directory that no file can be written in: another stands in its place.

@@ -6,7 +6,7 @@ use crate::camera::{CameraError, Moment, SimulatedSky, Source};
 use crate::image::{Frame, ImageCounter, Series};
 use crate::service::{MakeSolver, MakeSource, SimulatedLens, Solve, Stars, simulated_sky};
 use crate::settings::Settings;
-use crate::solve::{Outcome, Prior, Report, Watch};
+use crate::solve::{Outcome, Part, Prior, Report, Stop, Watch};
 use rustix::time::{ClockId, clock_gettime};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -20,6 +20,9 @@ const FALSE_SKY: &str = "nostars";
 const HANGS_FOR: Duration = Duration::from_secs(3);
 /// A slow solver takes this long besides.
 const SLOW_BY: Duration = Duration::from_millis(1500);
+/// A solver that crawls takes this part of its time over each of its steps, of which it has some dozens, and no longer than it may be late.
+const CRAWLS_PART: u32 = 12;
+const CRAWLS_BY: Duration = Duration::from_millis(900);
 /// Longest step of the clock: what waits is late by no more.
 const STEP: Duration = Duration::from_millis(10);
 
@@ -150,6 +153,30 @@ pub fn camera(
     })
 }
 
+/// Time passes with every question whether to go on.
+struct Crawl<'a> {
+    watch: &'a dyn Watch,
+    charger: &'a Charger,
+    step: Duration,
+}
+
+impl Watch for Crawl<'_> {
+    fn elapsed(&self) -> Duration {
+        self.watch.elapsed()
+    }
+
+    fn stop(&self) -> Option<Stop> {
+        self.stop_at(Part::Search)
+    }
+
+    fn stop_at(&self, part: Part) -> Option<Stop> {
+        if part == Part::Search {
+            self.charger.spend(self.step);
+        }
+        self.watch.stop_at(part)
+    }
+}
+
 /// The solver, whose time is charged.
 pub fn solver(inner: MakeSolver, faults: &Faults, charger: &Charger) -> MakeSolver {
     struct Charged {
@@ -170,6 +197,8 @@ pub fn solver(inner: MakeSolver, faults: &Faults, charger: &Charger) -> MakeSolv
                 self.charger.spend(SLOW_BY);
             }
             let before = thread_time();
+            let crawl = Crawl { watch, charger: &self.charger, step: (self.timeout / CRAWLS_PART).min(CRAWLS_BY) };
+            let watch = if self.faults.lasts(Class::SolverCrawls) { &crawl } else { watch };
             let outcome = self.inner.solve(frame, prior, watch);
             self.charger.worked(thread_time().saturating_sub(before));
             outcome

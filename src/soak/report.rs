@@ -144,7 +144,7 @@ impl Report {
 fn records(directory: &Path) -> BTreeMap<u32, u64> {
     let files = std::fs::read_dir(directory).into_iter().flatten().flatten();
     let lines = |file: std::fs::DirEntry| {
-        let path = file.path();
+        let path = Some(file.path()).filter(|path| path.extension().is_some_and(|ending| ending == "jsonl"))?;
         let boot = u32::from_str_radix(path.file_stem()?.to_str()?.rsplit('-').next()?, 16).ok()?;
         Some((boot, std::fs::read(path).ok()?.split(|byte| *byte == b'\n').count() as u64 - 1))
     };

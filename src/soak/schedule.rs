@@ -70,6 +70,8 @@ pub enum Class {
     SolverHangs,
     /// It takes seconds.
     SolverSlow,
+    /// It takes so long over each step that its frames grow too old, or are given up by command.
+    SolverCrawls,
     /// Lens replies come too late.
     LensLate,
     /// They are garbled.
@@ -128,7 +130,7 @@ pub enum Class {
 
 impl Class {
     /// Every class.
-    pub const ALL: [Self; 58] = [
+    pub const ALL: [Self; 59] = [
         Self::ComputerReboots,
         Self::ComputerStalls,
         Self::LinkCut,
@@ -160,6 +162,7 @@ impl Class {
         Self::SolverPanics,
         Self::SolverHangs,
         Self::SolverSlow,
+        Self::SolverCrawls,
         Self::LensLate,
         Self::LensGarbled,
         Self::LensError,
@@ -214,6 +217,8 @@ impl Class {
             Self::ImageUnreadable | Self::CameraPanics | Self::SolverPanics | Self::SolverHangs | Self::SolverSlow => {
                 (40.0, 120.0)
             }
+            // Two frames at least.
+            Self::SolverCrawls => (80.0, 160.0),
             Self::LensLate | Self::LensGarbled | Self::LensError | Self::LensStalls | Self::LensSilent => (1.0, 60.0),
             Self::LensPowerCycle | Self::LensStuck | Self::LensSlips | Self::LensVanishes => (1.0, 60.0),
             Self::LensCountsLost | Self::LensCountsLostMoving => (1.0, 10.0),

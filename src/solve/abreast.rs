@@ -1,7 +1,7 @@
 //! Two threads for one frame: the only place in the core that has them, and they have ended before it returns.
 
 use super::solver::{Search, Solver, stopped};
-use super::{Outcome, SearchMode, Stop};
+use super::{Outcome, Part, SearchMode, Stop};
 use crate::sources::{Look, SearchKernel};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -12,7 +12,7 @@ impl Solver {
         let (mut second, cells, settings) = (std::mem::take(&mut self.second), self.cells.clone(), self.settings().clone());
         let solved = AtomicBool::new(false);
         let survey = || {
-            let keep_on = || !solved.load(Ordering::Relaxed) && search.watch.stop().is_none();
+            let keep_on = || !solved.load(Ordering::Relaxed) && search.watch.stop_at(Part::Survey).is_none();
             let look = Look { settings: &settings.solver.sources, masked: &search.masked(), keep_on: &keep_on };
             second.begin(search.frame, &cells);
             second.survey(search.frame, &cells, &look)

@@ -30,6 +30,7 @@ mod track;
 mod tracked;
 mod verify;
 mod wcs;
+mod window;
 
 pub use along::Moved;
 pub use cause::Blur;
@@ -51,16 +52,28 @@ pub use solver::Solver;
 pub use track::{AttitudePrior, LensPrior, Region, Spread, Tracker};
 pub use verify::{Assigned, FrameGeometry, Hypothesis, PatternSource};
 pub use wcs::keywords;
+pub use window::{Rerun, Window, Witness};
 
 use std::time::Duration;
 
 /// Why a search is to end before its time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Stop {
     /// The frame is too old.
     TimedOut,
     /// Somebody asked for it.
     Aborted,
+}
+
+/// The parts of the work on a frame that ask whether to stop, each always in the same order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// Making the index, which is not done for every frame.
+    Index,
+    /// The searches and all that follows them.
+    Search,
+    /// The survey on the second thread.
+    Survey,
 }
 
 /// The solver's window on the world: how much time went by, and whether to stop. Asked every few milliseconds, whether to stop also from
@@ -70,6 +83,11 @@ pub trait Watch: Sync {
     fn elapsed(&self) -> Duration;
     /// Whether to give up now.
     fn stop(&self) -> Option<Stop>;
+    /// The same, asked by a part of the work: who writes down where a stop struck tells them apart.
+    fn stop_at(&self, part: Part) -> Option<Stop> {
+        let _ = part;
+        self.stop()
+    }
 }
 
 /// A watch that never stops and does not tell the time.

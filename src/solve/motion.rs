@@ -18,7 +18,7 @@ const LONGEST_PX: f64 = 100.0;
 const MOST_EXPOSURES: usize = crate::image::MAX_PARTS;
 
 /// Gyro rates over a series of exposures. Times are from the first sample.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Motion {
     /// Rates about the vertical (azimuth, from north through east) and in elevation, rad/s, evenly spaced.
     pub rates: Vec<(f64, f64)>,

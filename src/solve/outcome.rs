@@ -5,12 +5,12 @@ use super::served::Served;
 use super::track::{AttitudePrior, LensPrior};
 use crate::image::Stamp;
 use crate::sky::{Attitude, Horizontal, Mat3, Observer, RowOrder, Vec3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::time::Duration;
 
 /// How a frame ended. A closed list; the order is that of the wire codes, which begin at 1.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reason {
     /// A pointing was found and satisfies every requirement.
@@ -106,7 +106,7 @@ pub enum FoundBy {
 }
 
 /// What is known of the pointing before a frame is solved.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Prior {
     /// Estimated azimuth and elevation of the boresight, rad.
     pub horizontal: Option<(f64, f64)>,

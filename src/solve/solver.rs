@@ -6,7 +6,7 @@ use super::pattern::{MAX_SOURCES, PatternSearch, SearchEnd, SearchRules, SearchT
 use super::requirements::{self, Circle};
 use super::track::Region;
 use super::verify::{FrameGeometry, Hypothesis, PatternSource};
-use super::{Cause, FoundBy, Moved, Outcome, Prior, Reason, SearchMode, SourceReport, Statistics, Stop, Watch};
+use super::{Cause, FoundBy, Moved, Outcome, Part, Prior, Reason, SearchMode, SourceReport, Statistics, Stop, Watch};
 use crate::catalog::{Catalogue, Field, FieldKey};
 use crate::image::{CellStatistics, Frame, LevelMeter, Mask};
 use crate::settings::{Settings, SolverSettings};
@@ -179,10 +179,10 @@ impl Solver {
         } else {
             match self.mask(frame) {
                 Ok(mask) => {
-                    if self.prepare_while(frame.width, frame.height, &|| watch.stop().is_none()) {
+                    if self.prepare_while(frame.width, frame.height, &|| watch.stop_at(Part::Index).is_none()) {
                         self.search(&Search { frame, prior, watch, mask, moved }, normal, robust, &mut outcome);
                     } else {
-                        stopped(&mut outcome, watch.stop().unwrap_or(Stop::Aborted));
+                        stopped(&mut outcome, watch.stop_at(Part::Index).unwrap_or(Stop::Aborted));
                     }
                 }
                 Err(error) => (outcome.reason, outcome.detail) = (Reason::Failed, error),

@@ -12,7 +12,7 @@ use std::f64::consts::{PI, TAU};
 use std::time::Duration;
 
 /// An attitude known beforehand.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct AttitudePrior {
     /// The attitude, ICRS.
     pub attitude: Attitude,
@@ -23,7 +23,7 @@ pub struct AttitudePrior {
 }
 
 /// What is known beforehand of how the camera projects.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LensPrior {
     /// Plate scale at the centre, rad/px.
     pub platescale: f64,

@@ -12,7 +12,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The rooms in the order of use: a room may use those before it.
-const ROOMS: [&str; 16] = [
+const ROOMS: [&str; 17] = [
     "settings",
     "sky",
     "catalog",
@@ -22,6 +22,7 @@ const ROOMS: [&str; 16] = [
     "calibrate",
     "command",
     "lens",
+    "journal",
     "wire",
     "simulate",
     "display",

@@ -18,6 +18,8 @@ mod catalogue;
 mod image;
 #[path = "../../fuzz/checks/index.rs"]
 mod index;
+#[path = "../../fuzz/checks/journal.rs"]
+mod journal;
 #[path = "../../fuzz/checks/kept.rs"]
 mod kept;
 #[path = "../../fuzz/checks/legacy.rs"]
@@ -66,5 +68,5 @@ macro_rules! corpora {
 mod every_kept_input_holds {
     use super::*;
 
-    corpora!(bad_pixels body catalogue image index kept legacy lens_reply settings solve texts view wire);
+    corpora!(bad_pixels body catalogue image index journal kept legacy lens_reply settings solve texts view wire);
 }

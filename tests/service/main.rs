@@ -20,6 +20,7 @@ mod light;
 mod motion;
 mod program;
 mod records;
+mod replay;
 mod sessions;
 mod support;
 mod time;

@@ -137,7 +137,8 @@ fn a_disk_that_is_full_keeps_whole_lines_alone() {
     let log = text(&run.stderr);
     assert_eq!(run.status.code(), Some(0), "{log}");
     assert!(log.contains("outcome not kept yet"), "{log}");
-    let file = std::fs::read_dir(&records).unwrap().map(|entry| entry.unwrap().path()).find(|path| path.is_file()).unwrap();
+    let mut files = std::fs::read_dir(&records).unwrap().map(|entry| entry.unwrap().path());
+    let file = files.find(|path| path.extension().is_some_and(|ending| ending == "jsonl")).unwrap();
     let kept = std::fs::read_to_string(file).unwrap();
     assert!(kept.lines().count() > 1 && kept.ends_with('\n'), "{kept}");
     for line in kept.lines() {

@@ -103,6 +103,8 @@ async fn the_python_package_reads_a_thousand_outcomes_as_the_service_had_them_an
     // None may be lost to a disk that is slow.
     settings.record.queue_frames = 2 * FRAMES;
     settings.record.directory = directory.path().display().to_string();
+    // However slow the disk is, none is lost.
+    settings.record.queue_frames = 4096;
     let (notes, camera) = (Arc::clone(&reports), camera_of(&allowed));
     let solver: MakeSolver =
         Arc::new(move || Ok(Box::new(Noting { reports: Arc::clone(&notes), allowed: Arc::clone(&allowed) }) as Box<dyn Solve>));

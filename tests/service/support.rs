@@ -30,6 +30,7 @@ pub fn settings() -> Settings {
     settings.catalog.cache_directory = String::new();
     settings.record.enabled = false;
     settings.record.images = false;
+    settings.record.journal = false;
     settings.commands.ledger_directory = String::new();
     settings.lens.kind = LensKind::None;
     settings

@@ -43,7 +43,7 @@ pub const OUTLIVED: Duration = Duration::from_secs(20);
 const PACE: u32 = 2;
 
 /// The values of a command as plain numbers in the dialect's own units and order, zeros after them. Compared bit by bit.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, serde::Serialize, serde::Deserialize)]
 pub struct Values(pub [f64; MAX_VALUES]);
 
 impl PartialEq for Values {
@@ -53,7 +53,7 @@ impl PartialEq for Values {
 }
 
 /// A command as it stands in a block.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Entry {
     /// What is left of the time that it may be run in, hundredths of a second.
     pub countdown: u32,

@@ -58,7 +58,7 @@ pub struct Metric {
 }
 
 /// What an image says of the focus.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FocusImage {
     /// The image's number.
     pub counter: ImageCounter,
@@ -77,7 +77,7 @@ pub struct FocusImage {
 }
 
 /// Where and how a sweep searches.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct SweepPlan {
     /// Nearest position that the lens may take.
     pub min: FocusCounts,
@@ -90,7 +90,7 @@ pub struct SweepPlan {
 }
 
 /// What happened.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Event {
     /// A sweep is wanted.
     Run {

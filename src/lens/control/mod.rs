@@ -30,7 +30,7 @@ use std::collections::{BTreeMap, VecDeque};
 const QUEUE: usize = 16;
 
 /// What happened.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Event {
     /// What was asked, in this order, since the machine was told last. A stop among them holds for all before it.
     Requests(Vec<(RequestCounter, LensCommand)>),

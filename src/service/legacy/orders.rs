@@ -5,6 +5,7 @@ use super::super::motion;
 use super::super::state::State;
 use crate::command::legacy::{FLOWN, Finding, Meaning, Values, meanings};
 use crate::command::{Authenticity, BootId, Command, FlightComputer, Refusal, Sender, Situation, Tick, Verdict, admit};
+use crate::journal::{What, mark};
 use crate::wire::legacy::Block;
 use std::time::Duration;
 use tokio::time::Instant;
@@ -23,6 +24,7 @@ impl Hub {
         self.take_connection(state, computer, connection, NO_BOOT);
         if state.is_current(computer, connection) {
             state.legacy.entry(computer).or_default().connected();
+            self.journal.note(self.clock.uptime(), What::LegacyConnected(computer));
         }
     }
 
@@ -43,7 +45,10 @@ impl Hub {
                 Authenticity::NotRequired
             },
         };
-        for finding in state.legacy.entry(computer).or_default().on(now, &block.commands) {
+        let findings = state.legacy.entry(computer).or_default().on(now, &block.commands);
+        let (commands, led_to) = (block.commands.to_vec(), mark(&findings));
+        self.journal.note(now, What::LegacyBlock { computer, commands, led_to });
+        for finding in findings {
             let verdicts = match finding {
                 Finding::True { index, counter, values } => self.read_legacy(state, &sender, index, counter, &values),
                 Finding::Refused { index, counter, why, detail } => {

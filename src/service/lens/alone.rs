@@ -5,6 +5,7 @@ use crate::lens::{Doubt, FocusKept, LensResult, LensState, RequestCounter, Rules
 use crate::service::clock::Clock;
 use crate::service::hub::{self, ToHub};
 use crate::service::inbox;
+use crate::service::journal;
 use crate::service::pulse::Pulse;
 use crate::settings::LensSettings;
 use std::sync::Arc;
@@ -35,6 +36,7 @@ impl LensAlone {
             rules: Rules::of(settings),
             focus_before: Arc::new(FocusKept::default),
             open: Arc::default(),
+            journal: journal::Handle::default(),
             clock: Clock::start(),
             stop: stop.clone(),
         };

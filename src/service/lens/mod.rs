@@ -15,8 +15,10 @@ pub use simulated::SimulatedLens;
 use super::clock::Clock;
 use super::hub::{self, ToHub};
 use super::inbox::Inbox;
+use super::journal;
 use super::pulse::Pulse;
 use super::supervisor::Ended;
+use crate::journal::{What, mark};
 use crate::lens::{
     Action, Control, Doubt, Event, FocusKept, LensCommand, LensError, LensResult, LensState, RequestCounter, Rules,
 };
@@ -76,6 +78,8 @@ pub struct LensActor {
     pub focus_before: FocusBefore,
     /// Requests that were not answered to their end; they outlive the actor, so that each is answered.
     pub open: Arc<Mutex<BTreeSet<RequestCounter>>>,
+    /// Where it is noted what the machine is told.
+    pub journal: journal::Handle,
     /// The service's clock.
     pub clock: Clock,
     /// When to end.
@@ -121,7 +125,9 @@ impl LensActor {
 
     async fn control(self, pulse: &Pulse, mut outside: Outside) -> Result<(), Ended> {
         let mut inbox = self.inbox.open().await;
-        let mut control = Control::resuming(self.rules.clone(), (self.focus_before)());
+        let before = (self.focus_before)();
+        self.journal.note(self.clock.uptime(), What::LensBegins { rules: self.rules.clone(), before });
+        let mut control = Control::resuming(self.rules.clone(), before);
         let mut told = None;
         loop {
             let deadline = control.deadline().map(|tick| self.clock.started() + tick);
@@ -154,7 +160,9 @@ impl LensActor {
     async fn carry_out(&self, control: &mut Control, event: Event, outside: &mut Outside, told: &mut Option<LensState>) {
         let mut event = Some(event);
         while let Some(now) = event.take() {
-            let actions = control.on(self.clock.tick(Instant::now()), now);
+            let tick = self.clock.tick(Instant::now());
+            let actions = control.on(tick, now.clone());
+            self.journal.note(tick, What::Lens { event: now, led_to: mark(&actions) });
             let state = control.state();
             if told.as_ref() != Some(&state) {
                 self.hub.tell(ToHub::Lens(Box::new(state.clone()))).await;
