@@ -286,7 +286,7 @@ mod tests {
         }
         let (least, most) = (counts.values().min().unwrap(), counts.values().max().unwrap());
         assert_eq!(counts.len(), Class::ALL.len());
-        assert!(most - least <= 1 && *least >= 270, "{counts:?}");
+        assert!(most - least <= 1 && *least >= 260, "{counts:?}");
         assert_eq!(Class::LensPowerCycle.name(), "lens power cycle");
     }
 }

@@ -75,6 +75,8 @@ async fn a_torn_image_is_told_and_the_next_is_solved_and_served_to_both_computer
 
 /// A running service and the address that it listens on, taken from its first log line.
 fn spawn_service(arguments: &[&str]) -> (Child, String, std::thread::JoinHandle<String>) {
+    // Other services that run meanwhile have the page's usual port.
+    let arguments = arguments.iter().chain(&["--set", "display.listen=127.0.0.1:0"]);
     let mut child = stars().arg("run").args(arguments).stderr(Stdio::piped()).spawn().unwrap();
     let mut log = BufReader::new(child.stderr.take().unwrap());
     let mut line = String::new();
@@ -101,7 +103,8 @@ async fn sigterm_ends_it_cleanly_with_a_last_word_to_its_peers() {
 
 #[test]
 fn a_duration_ends_it_and_a_taken_address_is_a_wrong_call() {
-    let quiet = ["--set", "record.enabled=false", "--set", "camera.kind=none", "--duration", "100ms"];
+    let quiet = ["record.enabled=false", "camera.kind=none", "display.listen=127.0.0.1:0"].map(|setting| ["--set", setting]);
+    let quiet = [quiet.as_flattened(), &["--duration", "100ms"]].concat();
     let free = run(&[&["run", "--set", "network.listen=127.0.0.1:0"], &quiet[..]].concat());
     assert_eq!(free.status.code(), Some(0), "{}", text(&free.stderr));
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
