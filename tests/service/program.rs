@@ -162,7 +162,9 @@ fn a_list_of_bad_pixels_that_is_wrong_starts_nothing() {
 #[cfg(not(feature = "aravis"))]
 #[test]
 fn a_camera_without_a_driver_starts_nothing_and_the_self_test_says_so() {
-    let aravis = ["--set", "network.listen=127.0.0.1:0", "--set", "record.enabled=false", "--set", "camera.kind=aravis"];
+    let aravis = ["network.listen=127.0.0.1:0", "display.listen=127.0.0.1:0", "record.enabled=false", "camera.kind=aravis"];
+    let aravis = aravis.map(|setting| ["--set", setting]);
+    let aravis = aravis.as_flattened();
     let refused = run(&[&["run", "--duration", "100ms"], &aravis[..]].concat());
     assert_eq!(refused.status.code(), Some(2));
     let complaint = text(&refused.stderr);
