@@ -165,14 +165,14 @@ fn a_camera_without_a_driver_starts_nothing_and_the_self_test_says_so() {
     let aravis = ["network.listen=127.0.0.1:0", "display.listen=127.0.0.1:0", "record.enabled=false", "camera.kind=aravis"];
     let aravis = aravis.map(|setting| ["--set", setting]);
     let aravis = aravis.as_flattened();
-    let refused = run(&[&["run", "--duration", "100ms"], &aravis[..]].concat());
+    let refused = run(&[&["run", "--duration", "100ms"][..], aravis].concat());
     assert_eq!(refused.status.code(), Some(2));
     let complaint = text(&refused.stderr);
     assert!(
         complaint.lines().count() == 1 && complaint.contains("aravis") && complaint.contains("--features aravis"),
         "{complaint}"
     );
-    let tested = run(&[&["selftest"], &aravis[..]].concat());
+    let tested = run(&[&["selftest"][..], aravis].concat());
     assert_eq!(tested.status.code(), Some(1));
     assert!(text(&tested.stdout).lines().any(|line| line.starts_with("BAD") && line.contains("aravis")));
 }
