@@ -8,14 +8,14 @@ use crate::image::{ExposedBy, Series};
 pub struct LinePulses {
     /// Which start of the sender: another one counts anew.
     pub boot: u32,
-    /// LinePulses since then.
+    /// Pulses since then.
     pub count: u32,
 }
 
 /// Tells of the pulses by now; `None` where nobody does.
 pub type TellPulses = Box<dyn FnMut() -> Option<LinePulses> + Send>;
 
-/// A source behind a simulated line. LinePulses that come between two looks are one series, and make one image.
+/// A source behind a simulated line. Pulses that come between two looks are one series, and make one image.
 pub struct SimulatedLine {
     inner: Box<dyn Source>,
     pulses: TellPulses,

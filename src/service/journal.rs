@@ -1,8 +1,8 @@
 //! The journal's file: the [keeper](super::keeper) of every input that the core sees, so that a flight can be run again.
 //!
 //! Whoever drives a machine of the core [notes](Handle::note) what it told the machine; that costs no more than a place in a queue, and
-//! where there is none the entry is counted, and the journal says itself how many are missing. Entries go to the disk once a second,
-//! into files of a bounded length. The journal gives way to the log: see [`Rules`].
+//! where there is none the entry is counted, and the journal says itself how many are missing. Entries go to the disk together, every few
+//! seconds, into files of a bounded length. The journal gives way to the log: see [`Rules`].
 
 use super::clock::Clock;
 use super::file::free_bytes;

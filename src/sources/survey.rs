@@ -25,13 +25,12 @@ const MOST_OF_ONE: f32 = 8.0;
 /// A kernel that is worth less finds no pattern. (Trials: of 53 frames of discs and trails of 30 px that are solved all have 66 or more; of
 /// 60 of smaller discs two have between this and 40.)
 const LEAST_SCORE: f32 = 15.0;
-/// Peaks of a cell by which a kernel is judged: enough to have a dozen stars among them. (Trials: see below.)
+/// Peaks of a cell by which a kernel is judged: enough to have a dozen stars among them.
 const JUDGED_PER_CELL: usize = 1;
 /// Peaks that a cell gives along a direction.
 const TRAILS_PER_CELL: usize = 4;
 /// Directions that are judged, of those in which the highest peaks of the cells stand furthest above their thresholds; none counts for
-/// more than this many thresholds. (Trials: of 160 frames
-/// with trails 136 are solved, and with four directions and two peaks of a cell 137.)
+/// more than this many thresholds. (Trials: of 160 frames with trails 136 are solved; with four directions and two peaks of a cell 137.)
 const JUDGED_DIRECTIONS: usize = 2;
 const MOST_PROMISE: f32 = 2.0;
 
