@@ -184,11 +184,12 @@ impl Fit {
     }
 
     /// By what the variances of the sources are to be multiplied: as their residuals show, together with what is known beforehand, that
-    /// they are right. Few residuals show little.
+    /// they are right. Few residuals show little; the more scatter they show, the less was known of these sources beforehand.
     pub fn inflation(&self) -> f64 {
         /// Degrees of freedom that the knowledge beforehand is worth: σ right to about a fifth (1/√(2·10)).
         const KNOWN_DOF: f64 = 10.0;
-        (self.chi2 + KNOWN_DOF) / (self.dof.max(0.0) + KNOWN_DOF)
+        let known = KNOWN_DOF / self.chi2_per_dof().max(1.0);
+        (self.chi2 + known) / (self.dof.max(0.0) + known)
     }
 }
 

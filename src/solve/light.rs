@@ -18,9 +18,13 @@ pub const SHARP_SIGMA_PX: f64 = 1.6;
 pub const WHOLE_LIGHT_PX: f64 = 3.5;
 const NEAR_PX: f64 = 0.2;
 const NEAR_SIGMAS: f64 = 3.0;
+/// Above this χ² per degree of freedom what was measured of the sources are not their stars' middles but bright spots in their discs.
+const ILL_MEASURED_CHI2: f64 = 2.0;
 /// Where a wide kernel was needed and the light can't be told, a star's middle is doubtful by this part of the kernel's width (from
 /// rendered trails of 5 to 30 px).
 const KERNEL_DOUBT: f64 = 1.5;
+/// By so much a trail typically turns over its length, rad, rms (rendered trails: half of them straight, the others by up to 100°).
+const BEND_RAD: f64 = 0.7;
 /// A star further from the fit than this many σ (after inflation by the fit's own scatter) is left out; least number that is fitted.
 const CLIP_SIGMAS: f64 = 3.5;
 const LEAST_STARS: usize = 4;
@@ -81,13 +85,16 @@ pub fn fit_by_light(
     let matched = matches.iter().filter(|m| m.source < tried).count();
     let in_pieces = (matched as f64) < WHOLE_STARS_FRACTION * tried as f64;
     let trailed = solver.finder.psf_axes.is_none_or(|(long, _)| long > SHARP_SIGMA_PX);
+    let bent_px = solver.finder.psf_axes.map_or(0.0, bent_px);
     if !(in_pieces || trailed || context.scale > 0) {
-        return LightFit::AsFound { doubt_px: 0.0 };
+        return LightFit::AsFound { doubt_px: bent_px };
     }
     let kernel_px = if context.scale == 0 { 0.0 } else { (1 << context.scale) as f64 };
     let unseen = LightFit::AsFound { doubt_px: KERNEL_DOUBT * kernel_px };
     let mut best: Option<Box<Anew>> = None;
     let mut pose_fit = first.clone();
+    // How far the sources as they were found may be off, where they are those of whole stars.
+    let mut whole_px: Option<f64> = None;
     for _ in 0..ROUNDS {
         let stars = known_stars(context, &pose_fit.pose, matches, sources);
         let Some(light) = solver.finder.light(&solver.cells, &stars.iter().map(|(_, star)| *star).collect::<Vec<_>>()) else {
@@ -96,16 +103,16 @@ pub fn fit_by_light(
         let near = light.middle.0.hypot(light.middle.1) < NEAR_PX + NEAR_SIGMAS * light.sigma;
         let whole = near && light.axes.0 < WHOLE_LIGHT_PX;
         if whole && best.is_none() && context.scale == 0 {
-            // By so much more than chance has it are the sources beside their light: what a trail that is not even on both sides does.
-            let mut beside_sq = 0.5 * (light.middle.0.powi(2) + light.middle.1.powi(2)) - light.sigma * light.sigma;
-            if beside_sq < (SURELY_BESIDE - 1.0) * light.sigma * light.sigma {
-                beside_sq = 0.0;
-            }
             let hidden_px = if trailed && !shows_no_piece(solver, matches) { hidden_px(&light) } else { 0.0 };
-            return LightFit::AsFound { doubt_px: beside_sq.max(0.0).sqrt().max(hidden_px) };
+            let doubt_px = beside_px(&light).max(hidden_px).max(bent_px);
+            if first.chi2_per_dof() < ILL_MEASURED_CHI2 {
+                return LightFit::AsFound { doubt_px };
+            }
+            whole_px = Some(doubt_px);
         }
         // The light is elsewhere, and not known well enough: so far may everything be off.
-        let elsewhere = LightFit::AsFound { doubt_px: light.middle.0.hypot(light.middle.1).max(KERNEL_DOUBT * kernel_px) };
+        let apart_px = light.middle.0.hypot(light.middle.1) * std::f64::consts::FRAC_1_SQRT_2;
+        let elsewhere = LightFit::AsFound { doubt_px: apart_px.max(KERNEL_DOUBT * kernel_px).max(whole_px.unwrap_or(0.0)) };
         if light.doubtful && !near {
             return elsewhere;
         }
@@ -116,6 +123,11 @@ pub fn fit_by_light(
         best = Some(Box::new(anew));
     }
     let Some(best) = best else { return unseen };
+    if let Some(doubt_px) = whole_px
+        && variance_px2(first) + doubt_px * doubt_px < variance_px2(&best.fit).max(best.sigma_px * best.sigma_px)
+    {
+        return LightFit::AsFound { doubt_px };
+    }
     for (source, star) in &best.placed {
         if let Some(source) = sources.get_mut(*source) {
             (source.left, source.up) = context.camera.offsets(star.x, star.y);
@@ -123,6 +135,32 @@ pub fn fit_by_light(
         }
     }
     LightFit::Anew(best)
+}
+
+/// How far the places of trailed stars may be off the middle of their light because their trail is bent, one σ per axis, px. `axes`: σ of
+/// their light along and across, px.
+///
+/// An arc of length L that turns by θ has the third moment ∫x²y = L³θ/360 about its middle; a Gaussian as wide as the light in the mean,
+/// laid where it fits best, is off by half of that over the sum of both variances along it, across the trail alone.
+fn bent_px((long, short): (f64, f64)) -> f64 {
+    const THIRD_MOMENT: f64 = 1.0 / 360.0;
+    let length = (12.0 * (long * long - short * short)).max(0.0).sqrt();
+    let across = 0.5 * THIRD_MOMENT * length.powi(3) * BEND_RAD / (long * long + short * short);
+    across * std::f64::consts::FRAC_1_SQRT_2
+}
+
+/// By how much more than chance has it are the sources beside their light, one σ per axis, px: what a trail that is not even on both
+/// sides does.
+fn beside_px(light: &Light) -> f64 {
+    let chance_sq = light.sigma * light.sigma;
+    let beside_sq = 0.5 * (light.middle.0.powi(2) + light.middle.1.powi(2)) - chance_sq;
+    if beside_sq < (SURELY_BESIDE - 1.0) * chance_sq { 0.0 } else { beside_sq.max(0.0).sqrt() }
+}
+
+/// Variance of a fit's boresight per axis, px².
+fn variance_px2(fit: &Fit) -> f64 {
+    let (sky, _) = fit.sky_covariance();
+    0.5 * (sky.m11 + sky.m22) / fit.pose.platescale.powi(2)
 }
 
 /// How far the middle may be off because a piece of the light is not seen, one σ, px.
@@ -230,4 +268,57 @@ fn fit_placed(
     let cut_px = if light.cut { REACH_PX } else { 0.0 };
     let sigma_px = (light.sigma * scatter_sq.sqrt().max(1.0)).max(misfit_px).max(cut_px).max(hidden_px(light));
     Some(Anew { fit, matches, placed, sigma_px })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// How far a Gaussian as wide as the light of an arc is off its middle, px: along and across.
+    fn off_middle(length: f64, turn: f64, star_sigma: f64) -> ((f64, f64), (f64, f64)) {
+        const PLACES: usize = 401;
+        let heading = |i: usize| turn * ((i as f64 + 0.5) / PLACES as f64 - 0.5);
+        let mut at = (0.0, 0.0);
+        let mut places = Vec::new();
+        for i in 0..PLACES {
+            places.push(at);
+            at = (at.0 + length / PLACES as f64 * heading(i).cos(), at.1 + length / PLACES as f64 * heading(i).sin());
+        }
+        let mean = |of: &dyn Fn(&(f64, f64)) -> f64| places.iter().map(of).sum::<f64>() / PLACES as f64;
+        let (mx, my) = (mean(&|p| p.0), mean(&|p| p.1));
+        let (vx, vy) = (mean(&|p| (p.0 - mx).powi(2)), mean(&|p| (p.1 - my).powi(2)));
+        let star = star_sigma * star_sigma;
+        // Weight times star: Gaussians whose product is one about a point between, with a height that falls with their distance.
+        let (wx, wy) = (vx + star, vy + star);
+        let (mut x, mut y) = (0.0, 0.0);
+        for _ in 0..100 {
+            let (mut sum, mut sx, mut sy) = (0.0, 0.0, 0.0);
+            for p in &places {
+                let (dx, dy) = (p.0 - mx - x, p.1 - my - y);
+                let height = (-0.5 * (dx * dx / (wx + star) + dy * dy / (wy + star))).exp();
+                sum += height;
+                sx += height * dx * wx / (wx + star);
+                sy += height * dy * wy / (wy + star);
+            }
+            (x, y) = (x + sx / sum, y + sy / sum);
+        }
+        ((x, y), (wx.sqrt(), wy.sqrt()))
+    }
+
+    #[test]
+    fn a_bent_trail_is_found_beside_its_middle_by_as_much_as_is_said() {
+        for length in [2.0, 3.5, 5.0] {
+            let ((along, across), axes) = off_middle(length, BEND_RAD, 1.05);
+            // Per axis, of one that is off across alone.
+            let said = bent_px(axes) * std::f64::consts::SQRT_2;
+            assert!(along.abs() < 0.1 * across.abs(), "{along} {across}");
+            assert!((0.7..1.5).contains(&(said / across.abs())), "{length} px: {said} for {across}");
+        }
+    }
+
+    #[test]
+    fn round_light_is_where_it_is_found() {
+        assert_eq!(bent_px((1.1, 1.1)), 0.0);
+        assert!(bent_px((1.1, 1.0)) < 0.002);
+    }
 }
