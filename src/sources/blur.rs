@@ -12,6 +12,7 @@
 use super::plane::Plane;
 use crate::image::CellStatistics;
 use crate::sky::{Kernel, with_vectors};
+use std::sync::LazyLock;
 
 /// Times that the picture is halved in which figures are searched, and pixels along a sample there.
 pub(super) const SEARCH_SCALE: usize = 3;
@@ -422,15 +423,12 @@ impl Autocorrelation {
         product(self, other) > LIKE * (product(self, self) * product(other, other)).sqrt()
     }
 
-    /// Its value at a lag, samples, interpolated.
-    fn at(&self, dx: f64, dy: f64) -> f32 {
-        // A lag and its opposite are the same.
-        let (dx, dy) = if dy < 0.0 { (-dx, -dy) } else { (dx, dy) };
-        let (x, y) = (dx + LAGS as f64, dy);
-        let (i, j) = ((x as usize).min(COLUMNS - 2), (y as usize).min(LAGS - 1));
-        let (fx, fy) = ((x - i as f64) as f32, (y - j as f64) as f32);
-        let row = |j: usize| self.0[j * COLUMNS + i] * (1.0 - fx) + self.0[j * COLUMNS + i + 1] * fx;
-        row(j) * (1.0 - fy) + row(j + 1) * fy
+    /// Its value at a lag, interpolated.
+    #[inline(always)]
+    fn at(&self, lag: &Lag) -> f32 {
+        let &Lag { first, fx, fy } = lag;
+        let row = |n: usize| self.0[n] * (1.0 - fx) + self.0[n + 1] * fx;
+        row(first) * (1.0 - fy) + row(first + COLUMNS) * fy
     }
 
     /// Its own noise: of most lags the figure has nothing.
@@ -461,18 +459,19 @@ impl Autocorrelation {
 
     /// Its values along a direction, step by step, of the one at no lag. Means of some lags across: a narrow ridge that runs between the
     /// samples is not lower for it.
-    fn profile(&self, direction: usize) -> Vec<f32> {
-        const ACROSS: [f64; 5] = [-1.0, -0.5, 0.0, 0.5, 1.0];
-        let (sin, cos) = angle_of(direction).sin_cos();
-        let sum = |r: f64| ACROSS.iter().map(|t| self.at(r * cos - t * sin, r * sin + t * cos)).sum::<f32>();
+    fn profile(&self, lags: &[[Lag; ACROSS.len()]]) -> Vec<f32> {
+        /// The step at a lag of one sample.
+        const ONE: usize = (1.0 / STEP) as usize;
+        let mut sums: Vec<f32> = lags.iter().map(|across| across.iter().map(|lag| self.at(lag)).sum()).collect();
         // At no lag there is what is left of the noise, or too little.
-        let height = sum(0.0).max(sum(1.0)).max(f32::MIN_POSITIVE);
-        (0..=PROFILE_STEPS).map(|step| sum(step as f64 * STEP) / height).collect()
+        let height = sums[0].max(sums[ONE]).max(f32::MIN_POSITIVE);
+        sums.iter_mut().for_each(|sum| *sum /= height);
+        sums
     }
 
     /// How far it reaches; the furthest that counts is as high as `last`.
     fn extents(&self, last: f32) -> Extents {
-        let profiles: Vec<Vec<f32>> = (0..DIRECTIONS).map(|direction| self.profile(direction)).collect();
+        let profiles: Vec<Vec<f32>> = PROFILE_LAGS.chunks_exact(PROFILE_STEPS + 1).map(|lags| self.profile(lags)).collect();
         let least = last.max(END_SIGMAS * self.noise());
         let halves: Vec<f64> = profiles.iter().map(|profile| first_below(profile, 0.5)).collect();
         let reach_of = |profile: &Vec<f32>| STEP * profile.iter().rposition(|&value| value >= least).unwrap_or(0) as f64;
@@ -491,6 +490,38 @@ impl Autocorrelation {
         }
     }
 }
+
+/// A lag between those that are measured: the one below it both ways, and how far it lies towards the next along x and y.
+#[derive(Debug, Clone, Copy)]
+struct Lag {
+    first: usize,
+    fx: f32,
+    fy: f32,
+}
+
+impl Lag {
+    /// At a distance, samples.
+    fn of(dx: f64, dy: f64) -> Self {
+        // A lag and its opposite are the same.
+        let (dx, dy) = if dy < 0.0 { (-dx, -dy) } else { (dx, dy) };
+        let (x, y) = (dx + LAGS as f64, dy);
+        let (i, j) = ((x as usize).min(COLUMNS - 2), (y as usize).min(LAGS - 1));
+        Self { first: j * COLUMNS + i, fx: (x - i as f64) as f32, fy: (y - j as f64) as f32 }
+    }
+}
+
+/// Distances to either side of a direction of which the mean is taken, samples.
+const ACROSS: [f64; 5] = [-1.0, -0.5, 0.0, 0.5, 1.0];
+
+/// The lags of all steps along all directions, and across: always the same ones.
+static PROFILE_LAGS: LazyLock<Vec<[Lag; ACROSS.len()]>> = LazyLock::new(|| {
+    let steps = (0..DIRECTIONS).flat_map(|direction| (0..=PROFILE_STEPS).map(move |step| (direction, step as f64 * STEP)));
+    let across = |(direction, r): (usize, f64)| {
+        let (sin, cos) = angle_of(direction).sin_cos();
+        ACROSS.map(|t| Lag::of(r * cos - t * sin, r * sin + t * cos))
+    };
+    steps.map(across).collect()
+});
 
 fn angle_of(direction: usize) -> f64 {
     direction as f64 * std::f64::consts::PI / DIRECTIONS as f64
