@@ -9,6 +9,10 @@ use super::{FoundBy, Outcome, Reason};
 /// Sources of at least this SNR are more than noise: one in seven frames has a peak of noise so high (half a million independent places).
 const SURE_SNR: f64 = 5.0;
 
+/// As many stars more are wanted where plate scale and distortion are not known: of three stars these leave so little to spare that one
+/// which noise has moved far goes unseen.
+const STARS_FOR_THE_LENS: usize = 1;
+
 impl Solver {
     /// Matches the sources of the last search near where they are expected; `true` where the frame is done with, `false` where it must
     /// be searched lost in space.
@@ -17,8 +21,9 @@ impl Solver {
         let settings = self.settings().clone();
         let settings = &settings.solver;
         let all = self.pattern_sources(context);
+        let spare = if context.geometry.knows_lens() { 0 } else { STARS_FOR_THE_LENS };
         let rules = NearRules {
-            min_matched: settings.tracking.min_matched as usize,
+            min_matched: settings.tracking.min_matched as usize + spare,
             max_false_ln: settings.matching.max_false_probability_log10 * std::f64::consts::LN_10,
             stop: &|| context.watch.stop(),
         };

@@ -161,6 +161,15 @@ impl FrameGeometry {
     }
 }
 
+impl FrameGeometry {
+    /// Whether the plate scale is known so well that no star is far off its place for that.
+    pub fn knows_lens(&self) -> bool {
+        /// One σ at the corner, px: as wide as a sharp star is.
+        const UNSEEN_PX: f64 = 1.0;
+        self.prior.sigma_ln_platescale * self.half_diagonal < UNSEEN_PX
+    }
+}
+
 /// A source that is more than noise is no catalogued star with this probability.
 const STRAY: f64 = 0.5;
 /// Positional errors beyond a source's own σ that are averaged over, px: distortion, blends, the fit itself.
