@@ -187,11 +187,12 @@ fn main() {
         let b = plain.add(&without, ms, &drawn, &catalogue);
         let turn = drawn.truth.track().turn_to_middle().norm() / ARCSEC;
         println!(
-            "{index:>4}: {} exposures, {} stars, {turn:.0}″ to the middle: along {a} ({} sources, {:?}), told {c}, plain {b}",
+            "{index:>4}: {} exposures, {} stars, {turn:.0}″ to the middle: along {a} ({} sources, {:?} {}), told {c}, plain {b}",
             drawn.exposures.len(),
             drawn.stars,
             with.sources.len(),
-            with.reason
+            with.reason,
+            with.detail
         );
     }
     along.print("along", args.series);

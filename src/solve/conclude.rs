@@ -115,9 +115,10 @@ impl Solver {
         };
         let mut solution = solution_of(&fit, &matches, &all, star_at, geometry, mirror, found.false_ln);
         solution.epoch_yr = apply.then_some(epoch);
-        // Matches that lie so far off are of several kinds of pieces: where the stars are is not known better than that.
-        let common_px =
-            if solution.rms_px > WORST_RMS_PX * (1 << context.scale) as f64 { common_px.max(solution.rms_px) } else { common_px };
+        // Matches that lie so far off are of several kinds of pieces: where the stars are is not known better than that. Along trails they
+        // are of one kind, and lie as far off as their σ say.
+        let in_pieces = context.along.is_none() && solution.rms_px > WORST_RMS_PX * (1 << context.scale) as f64;
+        let common_px = if in_pieces { common_px.max(solution.rms_px) } else { common_px };
         // What all sources have in common moves the boresight alone.
         let variance = (common_px * solution.platescale).powi(2);
         let known = solution.covariance.diagonal() * counted;

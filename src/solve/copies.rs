@@ -7,8 +7,9 @@ use super::verify::{Assigned, PatternSource};
 
 /// Copies are looked for up to this distance, px: a gondola that moves faster leaves nothing to be found.
 const FURTHEST_PX: f64 = 200.0;
-/// Ways that differ by less are the same, px.
+/// Ways that differ by less are the same, px; or by less than so many σ of the other sources, whose middles are not fitted.
 const SAME_PX: f64 = 3.0;
+const SAME_SIGMAS: f64 = 2.0;
 /// Stars that must be there again: this part of those matched, and no fewer than this.
 const SHARE: f64 = 0.3;
 const LEAST: usize = 4;
@@ -27,7 +28,10 @@ pub fn nearest_copy(sources: &[PatternSource], matches: &[Assigned], nearest_px:
         .filter(|w| (nearest_px * nearest_px..FURTHEST_PX * FURTHEST_PX).contains(&(w.0 * w.0 + w.1 * w.1)))
         .collect();
     let least = ((SHARE * matches.len().min(MOST) as f64).ceil() as usize).max(LEAST);
-    let is_same = |v: &(f64, f64), w: &(f64, f64)| (v.0 - w.0).powi(2) + (v.1 - w.1).powi(2) < SAME_PX * SAME_PX;
+    let mut sigmas: Vec<f64> = others.iter().map(|other| other.sigma).collect();
+    sigmas.sort_by(f64::total_cmp);
+    let same_px = SAME_PX.max(SAME_SIGMAS * sigmas.get(sigmas.len() / 2).copied().unwrap_or(0.0));
+    let is_same = |v: &(f64, f64), w: &(f64, f64)| (v.0 - w.0).powi(2) + (v.1 - w.1).powi(2) < same_px * same_px;
     // No check of overflow, which would keep it from being done in vectors.
     let count = |w: &(f64, f64)| ways.iter().fold(0usize, |sum, v| sum.wrapping_add(usize::from(is_same(v, w))));
     let shared = |w: &&(f64, f64)| count(w) >= least;
@@ -61,6 +65,20 @@ mod tests {
         let found = nearest_copy(&sources(&all), &matches(12), 28.0).unwrap();
         assert!((found - 50.0).abs() < 1e-6, "{found}");
         assert_eq!(nearest_copy(&sources(&all), &matches(12), 60.0), None, "nearer ones are somebody else's to look at");
+    }
+
+    #[test]
+    fn a_copy_whose_places_are_coarse_is_seen_as_well() {
+        let stars = places(3, 20);
+        // Middles of samples of four pixels, as a search of a picture halved twice leaves those that no pattern needed.
+        let coarse = |c: f64| (c / 4.0).round() * 4.0;
+        let again = stars.iter().step_by(2).map(|&(left, up)| (coarse(left + 40.3), coarse(up + 41.1)));
+        let mut all = sources(&stars);
+        all.extend(
+            sources(&again.chain(places(4, 20)).collect::<Vec<_>>()).into_iter().map(|s| PatternSource { sigma: 2.0, ..s }),
+        );
+        let found = nearest_copy(&all, &matches(20), 28.0);
+        assert!(found.is_some_and(|px| (50.0..65.0).contains(&px)), "{found:?}");
     }
 
     #[test]
