@@ -219,7 +219,7 @@ fn sharp_stars_that_a_wide_kernel_finds_are_measured_in_the_picture_itself() {
 #[test]
 fn a_fit_that_is_too_poor_is_made_again_by_the_sources_of_another_search() {
     // Discs whose pieces the normal search takes for stars: enough to know them by, not to tell the boresight well.
-    let Rendered { frame, truth, .. } = render(&RenderSpec::new(Kind::Defocus, 20261, 54), solver().catalogue()).unwrap();
+    let Rendered { frame, truth, .. } = render(&RenderSpec::new(Kind::Defocus, 20261, 104), solver().catalogue()).unwrap();
     let with = |robust: bool| solve(&mut solver_with(|s| s.solver.robust = robust), &frame);
     let poor = with(false);
     assert!(poor.reason == Reason::Requirement && poor.detail.starts_with("pointing_error"), "{} {}", poor.reason, poor.detail);
