@@ -48,6 +48,10 @@ pub struct OutcomeMark {
     pub pointing: Option<(f64, f64, f64)>,
     /// Sources matched.
     pub matched: u32,
+    /// One σ east, north and in roll as served, rad, where it is solved. For operators alone: it is not in a journal, and so unknown of
+    /// what was read from one.
+    #[serde(skip)]
+    pub sigmas: Option<[f64; 3]>,
     marks: [u32; PARTS.len()],
 }
 
@@ -89,6 +93,7 @@ impl OutcomeMark {
             detail: detail.clone(),
             pointing: solution.as_ref().map(|solution| solution.served_attitude().angles()),
             matched: solution.as_ref().map_or(0, |solution| u32::try_from(solution.matches.len()).unwrap_or(u32::MAX)),
+            sigmas: solution.as_ref().map(|solution| solution.sigmas().into()),
             marks,
         }
     }

@@ -38,8 +38,8 @@ const FRAME_WITHIN: Duration = Duration::from_secs(1);
 const AT_A_TIME: usize = 1024;
 /// A file is not made longer, bytes: some hours of a flight. What is thinned goes by files.
 const FILE_BYTES: u64 = 16 << 20;
-/// Frames that operators may have run again by the running service.
-pub const RECENT: usize = 20;
+/// Frames that operators may have run again by the running service: as many as the strip of its page has by the flight's settings.
+const RECENT: usize = 120;
 /// How the files are called.
 const PREFIX: &str = "journal-";
 /// See [`PREFIX`].

@@ -366,8 +366,8 @@ pub fn start_with(settings: Arc<Settings>, parts: Parts, doors: impl Into<Doors>
     let recorder = watchman.keep_recorder(&keeping);
     let ledger = ledger.map(|ledger| watchman.keep_ledger(&keeping, ledger));
     let to_lens = watchman.keep_lens(&edges, lens.as_ref());
-    let (page, shown) = watchman.keep_display(&edges, page);
     let replayer = Replayer::new(watchman.journal.clone(), Arc::clone(&parts.solver), state.clone());
+    let (page, shown) = watchman.keep_display(&edges, page, replayer.clone());
     let to_solver = watchman.keep_solver(&solving, parts.solver, abort, shown);
     let archives = watchman.keep_archives(&keeping);
     let camera = parts.camera.map(|make| watchman.keep_camera(&edges, make, to_solver, archives.clone()));

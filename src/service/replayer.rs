@@ -1,23 +1,29 @@
 //! The replayer: runs the last frames of the running service again, with its settings or with others, while no live frame is solved.
 //!
 //! It works on the blocking pool, and a frame that it is at is given up as soon as a live one comes, to be begun again when that has ended:
-//! the solver asks every few milliseconds whether to go on, which is what a live frame may have less of a processor for.
+//! the solver asks every few milliseconds whether to go on, which is what a live frame may have less of a processor for. There is one at a
+//! time, and a computer that has not enough time for all of its work leaves it undone first, with the display.
 
 use super::hub::sleep_until;
-use super::journal::{self, RECENT, Recent};
+use super::journal::{self, Recent};
 use super::replay::{Again, Replay, Wishes};
 use super::solver::MakeSolver;
 use super::state::{Shed, State};
 use super::supervisor::panic_message;
+use crate::image::ImageCounter;
 use crate::journal::{Entry, Text, What};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
-use tokio::sync::{Mutex, watch};
-use tokio::time::Instant;
+use tokio::sync::{Mutex, OwnedMutexGuard, watch};
+use tokio::time::{Instant, timeout_at};
 
+/// Frames that are run again together, at most.
+pub const MOST: usize = 20;
 /// After this time it is given up: live frames that come all the time leave it none.
 const ENDS_WITHIN: Duration = Duration::from_secs(300);
+/// A solver that was told to stop and has not within this time is taken to hang.
+const GRACE: Duration = Duration::from_secs(1);
 
 /// Why frames are not run again.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -26,15 +32,28 @@ pub enum ReplayError {
     #[error("a replay is under way")]
     Busy,
     /// There is none that was written down.
-    #[error("no frame is in the journal yet (record.journal)")]
+    #[error("no frame is in the journal yet (record.enabled, record.journal)")]
     Nothing,
-    /// Settings that are none, or a solver that cannot be had.
+    /// It is none of those that are remembered.
+    #[error("image {} is not there, or not any more: images {} to {} are", image.0, first.0, last.0)]
+    Gone {
+        /// The one that was wanted.
+        image: ImageCounter,
+        /// The oldest that is there.
+        first: ImageCounter,
+        /// The newest.
+        last: ImageCounter,
+    },
+    /// Settings that are none.
     #[error("{0}")]
     Refused(String),
+    /// The computer has other things to do.
+    #[error("the computer is too slow for all of its work: this waits")]
+    Strained,
     /// Live frames left no time for it.
     #[error("live frames left no time for it within {} s", ENDS_WITHIN.as_secs())]
     NoTime,
-    /// The solver broke over it.
+    /// The solver broke over it, or cannot be had.
     #[error("the solver {0}")]
     Broken(String),
 }
@@ -47,6 +66,14 @@ pub struct Replayer {
     state: watch::Receiver<Arc<State>>,
     /// Whoever has it is at work.
     turn: Arc<Mutex<()>>,
+}
+
+/// What is at work. It goes with the job on the blocking pool, so that a next one does not begin before that has ended, even where nobody
+/// waits for it any more.
+struct Work {
+    replay: Replay,
+    until: Instant,
+    _turn: OwnedMutexGuard<()>,
 }
 
 /// Ends the work of whoever waits for it no longer.
@@ -64,7 +91,7 @@ impl Replayer {
         Self { journal, make, state, turn: Arc::default() }
     }
 
-    /// How many frames are written down that may be run again, at most 20.
+    /// How many frames are remembered that may be run again.
     pub fn recent(&self) -> usize {
         self.journal.recent().len()
     }
@@ -75,57 +102,82 @@ impl Replayer {
     /// # Errors
     /// See [`ReplayError`].
     pub async fn run(&self, last: usize, set: Vec<String>) -> Result<Vec<Again>, ReplayError> {
-        let _turn = self.turn.try_lock().map_err(|_| ReplayError::Busy)?;
         let recent = self.journal.recent();
-        let recent = recent.get(recent.len().saturating_sub(last.min(RECENT))..).unwrap_or_default().to_vec();
-        if recent.is_empty() {
+        let frames = recent.get(recent.len().saturating_sub(last.min(MOST))..).unwrap_or_default().to_vec();
+        self.run_all(frames, Wishes { set, ..Wishes::default() }).await
+    }
+
+    /// The same for one image; it is there twice where it was solved twice, the second time with its motion.
+    ///
+    /// # Errors
+    /// See [`ReplayError`].
+    pub async fn run_image(&self, image: ImageCounter, set: Vec<String>) -> Result<Vec<Again>, ReplayError> {
+        let recent = self.journal.recent();
+        let number = |frame: &Recent| frame.solved.stamp.image;
+        if let (Some(first), Some(last)) = (recent.first().map(number), recent.last().map(number))
+            && !recent.iter().any(|frame| number(frame) == image)
+        {
+            return Err(ReplayError::Gone { image, first, last });
+        }
+        let frames = recent.into_iter().filter(|frame| number(frame) == image).collect();
+        self.run_all(frames, Wishes { set, image: Some(image), ..Wishes::default() }).await
+    }
+
+    async fn run_all(&self, frames: Vec<Recent>, wishes: Wishes) -> Result<Vec<Again>, ReplayError> {
+        let turn = Arc::clone(&self.turn).try_lock_owned().map_err(|_| ReplayError::Busy)?;
+        if frames.is_empty() {
             return Err(ReplayError::Nothing);
         }
-        let wishes = Wishes { set, ..Wishes::default() };
-        let mut replay = Some(Replay::with_solver(wishes, Arc::clone(&self.make)));
-        let mut frames = Vec::new();
+        if has_no_time(&self.state.borrow()) {
+            return Err(ReplayError::Strained);
+        }
         let until = Instant::now() + ENDS_WITHIN;
-        for frame in recent {
+        let mut work = Work { replay: Replay::with_solver(wishes, Arc::clone(&self.make)), until, _turn: turn };
+        let mut all = Vec::new();
+        for frame in frames {
             let again = loop {
                 tokio::select! {
-                    () = self.idle() => {}
+                    biased;
                     () = sleep_until(Some(until)) => return Err(ReplayError::NoTime),
+                    () = self.idle() => {}
                 }
-                let (back, again) = self.one(replay.take(), frame.clone()).await?;
-                replay = Some(back);
+                let (back, again) = self.one(work, frame.clone()).await?;
+                work = back;
                 if let Some(again) = again {
                     break again;
                 }
             };
-            frames.extend(again);
+            all.extend(again);
         }
-        Ok(frames)
+        Ok(all)
     }
 
     /// One frame; `None` where a live one came.
-    async fn one(&self, replay: Option<Replay>, frame: Recent) -> Result<(Replay, Option<Option<Again>>), ReplayError> {
-        let Some(mut replay) = replay else { return Err(ReplayError::Busy) };
+    async fn one(&self, mut work: Work, frame: Recent) -> Result<(Work, Option<Option<Again>>), ReplayError> {
         let (state, given_up) = (self.state.clone(), GiveUp(Arc::default()));
-        let gone = Arc::clone(&given_up.0);
+        let (gone, until) = (Arc::clone(&given_up.0), work.until);
         let job = tokio::task::spawn_blocking(move || {
             let came = AtomicBool::new(false);
             let cancelled = || {
-                let came_now = gone.load(Ordering::Relaxed) || !is_idle(&state.borrow());
+                let came_now = gone.load(Ordering::Relaxed) || Instant::now() >= until || !is_idle(&state.borrow());
                 came.fetch_or(came_now, Ordering::Relaxed) || came_now
             };
             let Recent { at, solved, settings } = frame;
             let text = Text { fingerprint: solved.settings, toml: settings.to_toml() };
-            replay.take(Entry { at, what: What::Settings(text) }, &cancelled)?;
+            let Work { replay, .. } = &mut work;
+            replay.take(Entry { at, what: What::Settings(text) }, &cancelled).map_err(ReplayError::Refused)?;
             let before = replay.checkpoint();
-            let again = replay.take(Entry { at, what: What::Solved(solved) }, &cancelled)?;
+            let again = replay.take(Entry { at, what: What::Solved(solved) }, &cancelled);
+            let again = again.map_err(|why| ReplayError::Broken(format!("cannot be had: {why}")))?;
             if came.load(Ordering::Relaxed) {
                 replay.go_back(before);
-                return Ok((replay, None));
+                return Ok((work, None));
             }
-            Ok((replay, Some(again)))
+            Ok((work, Some(again)))
         });
-        let result: Result<_, String> = job.await.map_err(|error| ReplayError::Broken(panic_message(error)))?;
-        result.map_err(ReplayError::Refused)
+        let joined = timeout_at(until + GRACE, job).await;
+        let joined = joined.map_err(|_| ReplayError::Broken("did not stop when told".to_owned()))?;
+        joined.map_err(|error| ReplayError::Broken(panic_message(error)))?
     }
 
     /// Until no live frame is solved, and the computer has time.
@@ -136,5 +188,10 @@ impl Replayer {
 }
 
 fn is_idle(state: &State) -> bool {
-    state.solving.is_none() && state.strain.shed() < Shed::Solving
+    state.solving.is_none() && !has_no_time(state)
+}
+
+/// What the display asks for is the first thing that a computer without enough time leaves undone.
+fn has_no_time(state: &State) -> bool {
+    state.strain.shed() >= Shed::Display
 }

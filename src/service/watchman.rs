@@ -16,6 +16,7 @@ use super::lens::{self, Handle as LensHandle, LensActor, SimulatedLens};
 use super::listener::Listener;
 use super::pulse::Pulse;
 use super::recorder::{self, Lines};
+use super::replayer::Replayer;
 use super::solver::{self, MakeSolver, SolverActor};
 use super::state::{Actor, Disk, Simulated, State};
 use super::store::{Store, StoreRules};
@@ -244,9 +245,14 @@ impl Watchman {
     }
 
     /// Keeps the display running; gives the page, and where frames are shown.
-    pub fn keep_display(&self, stage: &Stage, socket: PageSocket) -> (Page, watch::Sender<Option<Arc<Frame>>>) {
+    pub fn keep_display(
+        &self,
+        stage: &Stage,
+        socket: PageSocket,
+        replayer: Replayer,
+    ) -> (Page, watch::Sender<Option<Arc<Frame>>>) {
         let (shown, frames) = watch::channel(None);
-        let site = Site::new(&self.settings, self.state.clone(), frames, self.clock, stage.stop.clone());
+        let site = Site::new(&self.settings, self.state.clone(), frames, self.clock, replayer, stage.stop.clone());
         let page = Page::new(site, socket, stage.tracker.clone());
         let actor = page.clone();
         self.keep(stage, Actor::Display, move |pulse| actor.clone().run(pulse));

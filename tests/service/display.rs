@@ -1,15 +1,20 @@
 //! Promises of the page: it shows what is true, commands nothing, and holds nobody up, whatever a browser does.
 
 use crate::commands::Ground;
+use crate::replay::{camera_of_steps, keeping, patient, written};
 use crate::support::*;
 use serde_json::Value;
+use stars::camera::CameraError;
+use stars::catalog::Catalogue;
 use stars::image::ImageCounter;
 use stars::service::{Actor, Doors, PageSocket, Parts, Running, Upset, start_with};
 use stars::settings::Settings;
+use stars::simulate::sky::{Kind, RenderSpec, render};
 use stars::wire::Status;
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, DuplexStream};
 use tokio::net::{TcpListener, TcpStream};
@@ -308,4 +313,98 @@ async fn a_terminal_shows_the_state_as_a_page_or_as_ten_lines_and_says_where_nob
     let nobody = watch(vec!["--connect".to_owned(), address.to_string()]).await;
     let said = String::from_utf8(nobody.stderr).unwrap();
     assert!(nobody.status.code() == Some(1) && said.contains("no service answers there"), "{said}");
+}
+
+/// A service that keeps what it does, after two rendered frames.
+async fn after_two_frames(directory: &std::path::Path) -> Running {
+    let catalogue = Catalogue::embedded().unwrap();
+    let frames: Vec<_> = (0..2).map(|seed| render(&RenderSpec::new(Kind::Float, 5, seed), &catalogue).unwrap().frame).collect();
+    let allowed = Arc::new(AtomicU32::new(0));
+    let next = Arc::clone(&allowed);
+    let camera = camera(move |moment| match frames.get(moment.image.0 as usize) {
+        Some(frame) if moment.image.0 < next.load(Ordering::Relaxed) => Ok(frame.clone()),
+        _ => Err(CameraError::NothingNew),
+    });
+    let settings = keeping(directory);
+    let parts = Parts { camera, ..Parts::of(&Arc::new(settings.clone())).unwrap() };
+    let running = with_page(settings, parts).await;
+    // None takes the place of another.
+    state_where(running.page.address().unwrap(), |state| state["solver"] == "ready").await;
+    for count in 1..=2 {
+        allowed.store(count, Ordering::Relaxed);
+        written(&running, count as usize).await;
+    }
+    running
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_page_is_told_what_other_settings_would_have_given_and_what_is_wrong_with_a_wish() {
+    let directory = tempfile::tempdir().unwrap();
+    let running = after_two_frames(directory.path()).await;
+    let address = running.page.address().unwrap();
+    let before = running.state.borrow().settings_hash;
+
+    let same = get(address, "/replay?image=1").await;
+    assert_eq!((same.status, same.text().contains("no difference")), (200, true), "{}", same.text());
+    let all = get(address, "/replay").await.text();
+    assert!(all.contains("image 0  solved") && all.contains("image 1  solved"), "{all}");
+    assert!(all.contains("2 frames: 0 differ, 2 do not, 0 could not be solved again; 2 were solved then and 2 now"), "{all}");
+
+    let fewer = get(address, "/replay?image=1&set=solver.sources.snr_threshold%3D3").await;
+    let said = fewer.text();
+    for words in ["with solver.sources.snr_threshold=3", "then     solved", "now      ", "σ ", "in boresight", "differs  in "] {
+        assert!(fewer.status == 200 && said.contains(words), "{words}: {said}");
+    }
+    let none = get(address, "/replay?set=solver.sources.snr_threshold%3D100").await.text();
+    assert!(none.contains("too_few_sources: ") && none.contains("2 were solved then and 0 now"), "{none}");
+
+    let long = format!("/replay?set=a%3D{}", "1".repeat(2000));
+    let many = format!("/replay?{}", "set=solver.robust%3Dfalse&".repeat(40));
+    for (path, status, words) in [
+        ("/replay?image=1&set=solver.sources.snr_treshold%3D4", 400, "solver.sources.snr_treshold"),
+        ("/replay?image=1&set=solver.sources.snr_threshold%3D-4", 400, "solver.sources.snr_threshold"),
+        ("/replay?image=1&set=", 400, "not of the form"),
+        ("/replay?image=7", 404, "image 7 is not there"),
+        ("/replay?image=seven", 400, "seven"),
+        ("/replay?image=4294967296", 400, "4294967296"),
+        ("/replay?picture=1", 400, "picture"),
+        (&long, 400, "bytes"),
+        (&many, 400, "at most"),
+    ] {
+        let answer = get(address, path).await;
+        assert_eq!((answer.status, answer.text().contains(words)), (status, true), "{path}: {}", answer.text());
+        assert_eq!(answer.head["content-type"], "text/plain; charset=utf-8", "{path}");
+    }
+    std::fs::remove_dir_all(directory.path().join("images")).unwrap();
+    let gone = get(address, "/replay?image=1").await;
+    assert_eq!((gone.status, gone.text().contains("its image is not there")), (404, true), "{}", gone.text());
+    assert_eq!(running.state.borrow().settings_hash, before, "what flies is as it was");
+    running.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn one_asks_at_a_time_and_whoever_goes_away_leaves_nothing_behind() {
+    let directory = tempfile::tempdir().unwrap();
+    let (allowed, slow) = (Arc::new(AtomicU32::new(1)), Arc::new(AtomicU32::new(0)));
+    let parts = Parts { camera: camera_of_steps(&allowed, 1000), solver: patient(&slow), lens: None };
+    let running = with_page(keeping(directory.path()), parts).await;
+    let address = running.page.address().unwrap();
+    assert_eq!(get(address, "/replay").await.status, 404, "before the first frame is written down");
+    written(&running, 1).await;
+    // A minute and a half, if it were let.
+    slow.store(90, Ordering::Relaxed);
+    let mut first = TcpStream::connect(address).await.unwrap();
+    first.write_all(b"GET /replay HTTP/1.1\r\nhost: x\r\n\r\n").await.unwrap();
+    sleep(Duration::from_millis(500)).await;
+    let second = get(address, "/replay").await;
+    assert_eq!((second.status, second.head.contains_key("retry-after")), (503, true), "{}", second.text());
+    slow.store(1, Ordering::Relaxed);
+    drop(first);
+    let taken = async {
+        while get(address, "/replay").await.status != 200 {
+            sleep(Duration::from_millis(50)).await;
+        }
+    };
+    timeout(PATIENCE, taken).await.expect("the first one's place is never free");
+    running.stop().await;
 }

@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 /// Kept in a directory.
-fn keeping(directory: &Path) -> Settings {
+pub fn keeping(directory: &Path) -> Settings {
     let mut settings = settings();
     settings.record.enabled = true;
     settings.record.images = true;
@@ -25,7 +25,7 @@ fn keeping(directory: &Path) -> Settings {
 
 /// A solver whose every frame ends as its pixels and the settings say, after so many questions whether to go on; it takes its time over each
 /// where `slow` says so.
-fn patient(slow: &Arc<AtomicU32>) -> stars::service::MakeSolver {
+pub fn patient(slow: &Arc<AtomicU32>) -> stars::service::MakeSolver {
     let slow = Arc::clone(slow);
     solver(move |frame: &Frame, prior, watch| {
         let mut outcome = no_match(&frame.stamp);
@@ -44,7 +44,7 @@ fn patient(slow: &Arc<AtomicU32>) -> stars::service::MakeSolver {
 }
 
 /// A camera that gives as many frames as the number says by now, of as many steps as is said.
-fn camera_of_steps(allowed: &Arc<AtomicU32>, steps: u16) -> Option<stars::service::MakeSource> {
+pub fn camera_of_steps(allowed: &Arc<AtomicU32>, steps: u16) -> Option<stars::service::MakeSource> {
     let allowed = Arc::clone(allowed);
     camera(move |moment| {
         if moment.image.0 >= allowed.load(Ordering::Relaxed) {
@@ -57,7 +57,7 @@ fn camera_of_steps(allowed: &Arc<AtomicU32>, steps: u16) -> Option<stars::servic
 }
 
 /// Waits until so many frames are in the journal and their images on disk.
-async fn written(running: &Running, frames: usize) {
+pub async fn written(running: &Running, frames: usize) {
     let began = tokio::time::Instant::now();
     while began.elapsed() < PATIENCE {
         let kept = running.state.borrow().counters.images.values().map(|images| images.kept).sum::<u32>();

@@ -240,19 +240,47 @@ $("masktool").addEventListener("click", () => {
   $("mask").showModal();
 });
 document.querySelectorAll("dialog .close").forEach((button) => button.addEventListener("click", () => button.closest("dialog").close()));
+
+let asking = null; // ends what is asked for
+let whatIf = null; // the image that was shown when the dialog was opened: newer ones come while settings are typed
 $("whatif").addEventListener("click", () => {
-  put($("replay-image"), stars.shown === null ? "none" : stars.shown);
+  if (whatIf !== stars.shown) put($("replay-answer"), "");
+  whatIf = stars.shown;
+  put($("replay-image"), whatIf === null ? "none" : whatIf);
+  $("replay-one").disabled = whatIf === null;
   $("replay").showModal();
 });
-$("replay").querySelector("form").addEventListener("submit", async (event) => {
+$("replay").addEventListener("close", () => asking && asking.abort());
+
+// A frame solved again waits for live ones, so that the seconds are counted.
+async function solveAgain(asked) {
+  if (asking) asking.abort();
+  const mine = new AbortController();
+  asking = mine;
+  const began = performance.now();
+  const say = (text, kind) => {
+    if (asking !== mine) return;
+    put($("replay-answer"), text);
+    $("replay-answer").className = kind;
+  };
+  const count = () => say(`solving again, between live frames: ${Math.round((performance.now() - began) / 1000)} s`, "unknown");
+  const counting = setInterval(count, 1000);
+  count();
+  try {
+    const answer = await fetch(`replay?${asked}`, { signal: mine.signal });
+    say((await answer.text()).trimEnd(), answer.ok ? "" : "yellow");
+  } catch (error) {
+    say(mine.signal.aborted ? "" : "no answer: the service or the link is down", "yellow");
+  }
+  clearInterval(counting);
+  if (asking === mine) asking = null;
+}
+
+$("replay").querySelector("form").addEventListener("submit", (event) => {
   event.preventDefault();
-  const asked = new URLSearchParams({ image: stars.shown });
+  const asked = new URLSearchParams(event.submitter === $("replay-all") ? {} : { image: whatIf });
   $("replay-settings").value.split("\n").map((one) => one.trim()).filter(Boolean).forEach((one) => asked.append("set", one));
-  put($("replay-answer"), "solving again");
-  const answer = await fetch(`replay?${asked}`).catch(() => null);
-  if (!answer) { put($("replay-answer"), "no answer"); return; }
-  const text = await answer.text();
-  put($("replay-answer"), answer.status === 404 && !text ? "this service does not solve again" : text);
+  solveAgain(asked);
 });
 
 picture.run();

@@ -1,11 +1,12 @@
 //! The display's part of the service: takes what is new from hub and solver, and serves it to browsers, read-only.
 //!
 //! `gather` turns the state into what the [display room](crate::display) shows, `history` keeps the last frames to look back at,
-//! `site` holds both and what is ready to be sent, and `routes` answers. The actor here watches for what is new and takes connections.
+//! `site` holds both and what is ready to be sent, and `routes` answers, with `replay` for what other settings would have given. The actor here watches for what is new and takes connections.
 //! Nobody waits for it: state and frames come over channels that hold the newest alone, and so does what goes to each browser.
 
 mod gather;
 mod history;
+mod replay;
 mod routes;
 mod site;
 

@@ -11,10 +11,13 @@
 //! | `/history.json` | the strip of the last frames |
 //! | `/text`, `/text?ten=1` | the state as a page for a terminal, or ten lines |
 //! | `/mask.html` | the tool for masks |
+//! | `/replay` | the last frames solved again, a line each, or `image=N` at length: how each ended and how it ends now; `set=key=value`, which may be given often, with other settings |
 //! | `/healthz` | `ok` while frames can be solved |
 //!
-//! Those of a frame take `image=N`: one of the strip instead of the last.
+//! Those of a frame take `image=N`: one of the strip instead of the last. What is solved again changes nothing, and waits for live frames:
+//! see [`Replayer`](crate::service::Replayer).
 
+use super::replay::replay;
 use super::site::{NoPicture, Site};
 use crate::display::{MASK_TOOL, page, ten_lines, text_page};
 use crate::image::Frame;
@@ -58,8 +61,7 @@ pub fn routes(site: &Arc<Site>) -> Router {
         .route("/history.json", get(history))
         .route("/text", get(text))
         .route("/healthz", get(health))
-        // The place for `/replay`: what other settings would have given on a frame of the strip. The page asks for it, and says that
-        // this service has none where it gets 404.
+        .route("/replay", get(replay))
         .layer(map_response(guard))
         .with_state(Arc::clone(site))
 }

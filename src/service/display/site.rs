@@ -5,6 +5,8 @@ use super::history::{Entry, History, Past};
 use crate::display::{FrameView, Snapshot, draw, encode};
 use crate::image::{Frame, ImageCounter};
 use crate::service::clock::Clock;
+use crate::service::replay::Again;
+use crate::service::replayer::{MOST, ReplayError, Replayer};
 use crate::service::state::{Shed, State};
 use crate::settings::Settings;
 use bytes::Bytes;
@@ -44,6 +46,7 @@ pub struct Site {
     drawing: Arc<Semaphore>,
     /// The last picture drawn.
     picture: Mutex<Option<(ImageCounter, Bytes)>>,
+    replayer: Replayer,
     stop: CancellationToken,
 }
 
@@ -54,6 +57,7 @@ impl Site {
         state: watch::Receiver<Arc<State>>,
         frames: watch::Receiver<Option<Arc<Frame>>>,
         clock: Clock,
+        replayer: Replayer,
         stop: CancellationToken,
     ) -> Self {
         Self {
@@ -65,6 +69,7 @@ impl Site {
             places: Arc::new(Semaphore::new(settings.display.max_clients as usize)),
             drawing: Arc::new(Semaphore::new(1)),
             picture: Mutex::default(),
+            replayer,
             stop,
         }
     }
@@ -187,6 +192,17 @@ impl Site {
 
     fn drawn(&self) -> MutexGuard<'_, Option<(ImageCounter, Bytes)>> {
         self.picture.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A frame, or all of the last, solved again beside live ones with `set` (`key=value`).
+    ///
+    /// # Errors
+    /// See [`ReplayError`].
+    pub async fn replay(&self, image: Option<ImageCounter>, set: Vec<String>) -> Result<Vec<Again>, ReplayError> {
+        match image {
+            Some(image) => self.replayer.run_image(image, set).await,
+            None => self.replayer.run(MOST, set).await,
+        }
     }
 
     /// A place for a connection, if there is one.
