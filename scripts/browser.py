@@ -1,10 +1,14 @@
 """A browser driven by WebDriver over HTTP: Debian's Chromium and its driver, from the standard library alone."""
 
 import base64
+import http.client
 import json
+import os
 import shutil
+import signal
 import socket
 import subprocess
+import sys
 import time
 import urllib.error
 import urllib.request
@@ -29,14 +33,11 @@ def missing():
 
 
 class Browser:
-    """One window of a browser without a screen."""
+    """One window of a browser without a screen. It outlives its driver: where that breaks, another takes its place, and the page stays."""
 
-    def __init__(self, width=1024, height=768, log=subprocess.DEVNULL):
-        self.port = free_port()
-        self.driver = subprocess.Popen(
-            [shutil.which("chromedriver"), f"--port={self.port}"], stdout=log, stderr=log, stdin=subprocess.DEVNULL
-        )
-        self.wait_until(lambda: self.call("GET", "/status")["ready"], "the driver is ready")
+    def __init__(self, width=1024, height=768, log=subprocess.DEVNULL, requests=False):
+        """`requests`: what is asked for is noted; the driver holds all of it until it is read."""
+        self.log, self.session, self.metrics, self.broken = log, None, None, []
         arguments = [
             "--headless=new",
             "--no-sandbox",  # CI runs as root
@@ -48,17 +49,23 @@ class Browser:
             "--enable-precise-memory-info",
             f"--window-size={width},{height}",
         ]
-        wanted = {
-            "browserName": "chrome",
-            "goog:chromeOptions": {"args": arguments, "binary": shutil.which("chromium")},
-            "goog:loggingPrefs": {"browser": "ALL", "performance": "ALL"},
-        }
-        session = self.call("POST", "/session", {"capabilities": {"alwaysMatch": wanted}})
-        self.session = f"/session/{session['sessionId']}"
-        self.process = session["capabilities"].get("goog:processID")
-        self.post("/timeouts", {"script": PATIENCE_S * 1000, "pageLoad": PATIENCE_S * 1000})
+        self.logs = {"browser": "ALL", **({"performance": "ALL"} if requests else {})}
+        has = self.drive({"args": arguments, "binary": shutil.which("chromium")})
+        self.process, self.debugger = has.get("goog:processID"), has["goog:chromeOptions"]["debuggerAddress"]
 
-    def call(self, method, path, body=None):
+    def drive(self, options):
+        """Starts a driver, with a new browser or one that is there; gives what it can."""
+        self.port = free_port()
+        command = [shutil.which("chromedriver"), f"--port={self.port}"]
+        self.driver = subprocess.Popen(command, stdout=self.log, stderr=self.log, stdin=subprocess.DEVNULL)
+        self.wait_until(lambda: self.send("GET", "/status")["ready"], "the driver is ready")
+        wanted = {"browserName": "chrome", "goog:chromeOptions": options, "goog:loggingPrefs": self.logs}
+        session = self.send("POST", "/session", {"capabilities": {"alwaysMatch": wanted}})
+        self.session = f"/session/{session['sessionId']}"
+        self.send("POST", self.session + "/timeouts", {"script": PATIENCE_S * 1000, "pageLoad": PATIENCE_S * 1000})
+        return session["capabilities"]
+
+    def send(self, method, path, body=None):
         """One command of the protocol."""
         data = None if body is None else json.dumps(body).encode()
         request = urllib.request.Request(f"http://127.0.0.1:{self.port}{path}", data=data, method=method)
@@ -70,9 +77,32 @@ class Browser:
             value = json.load(error)["value"]
             raise RuntimeError(f"{path}: {value['error']}: {value['message'].splitlines()[0]}") from None
 
+    def call(self, method, path, body=None):
+        """A command to this window; once more where the driver closes the connection without an answer."""
+        try:
+            return self.send(method, self.session + path, body)
+        except (ConnectionError, http.client.HTTPException, urllib.error.URLError) as error:
+            self.mend(f"{path}: {error!r}")
+            return self.send(method, self.session + path, body)
+
+    def mend(self, why):
+        """Puts another driver in the place of one that broke: it finds the browser by its address, and the page as it was."""
+        try:
+            why += f"; the driver ended with {self.driver.wait(timeout=5)}"
+        except subprocess.TimeoutExpired:
+            why += "; the driver lives"
+            self.driver.kill()
+            self.driver.wait()
+        self.broken.append(why)
+        print(f"browser.py: {why}; another takes its place", file=sys.stderr, flush=True)
+        self.drive({"debuggerAddress": self.debugger})
+        # This went with the driver.
+        if self.metrics:
+            self.send("POST", self.session + "/goog/cdp/execute", self.metrics)
+
     def post(self, path, body):
-        """A command to this window."""
-        return self.call("POST", self.session + path, body)
+        """The same, with something to tell."""
+        return self.call("POST", path, body)
 
     def open(self, url):
         """Goes to a page."""
@@ -80,7 +110,9 @@ class Browser:
 
     def size(self, width, height):
         """Makes the page so large, px: the window has a border that differs from build to build."""
-        self.devtools("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600)
+        values = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+        self.metrics = {"cmd": "Emulation.setDeviceMetricsOverride", "params": values}
+        self.post("/goog/cdp/execute", self.metrics)
 
     def devtools(self, command, **values):
         """A command of Chromium's own."""
@@ -115,14 +147,14 @@ class Browser:
 
     def shot(self):
         """The page as it is seen: the bytes of a PNG file."""
-        return base64.b64decode(self.call("GET", self.session + "/screenshot"))
+        return base64.b64decode(self.call("GET", "/screenshot"))
 
     def console(self):
         """What the console had to say since the last time."""
         return self.post("/se/log", {"type": "browser"})
 
     def requests(self):
-        """Addresses that were asked for since the last time."""
+        """Addresses that were asked for since the last time, where they are noted."""
         entries = [json.loads(entry["message"])["message"] for entry in self.post("/se/log", {"type": "performance"})]
         return [entry["params"]["request"]["url"] for entry in entries if entry["method"] == "Network.requestWillBeSent"]
 
@@ -147,14 +179,20 @@ class Browser:
     def close(self):
         """Ends the browser and its driver."""
         try:
-            self.call("DELETE", self.session)
-        except (OSError, RuntimeError):
+            self.send("DELETE", self.session)
+        except (OSError, RuntimeError, http.client.HTTPException):
             pass
         self.driver.terminate()
         try:
             self.driver.wait(timeout=10)
         except subprocess.TimeoutExpired:
             self.driver.kill()
+        # A driver ends the browser that it started, and no other.
+        if self.broken:
+            try:
+                os.kill(self.process, signal.SIGTERM)
+            except ProcessLookupError:
+                pass
 
     def __enter__(self):
         return self
