@@ -343,9 +343,10 @@ def check_replay(verdict, browser, stars, scratch):
     with Service(stars, scratch, camera__period_s=3, **kept) as service:
         service.state(lambda state: state["counters"]["frames_solved"] > 2)
         browser.open(service.url())
-        browser.wait("return stars.view && stars.view.report.solved", "a solved frame is shown")
-        # Pixels and journal reach the disk a second later.
-        time.sleep(2.0)
+        # The newest reaches the disk a second after it is shown.
+        browser.wait("return document.querySelectorAll('#strip button').length > 2", "some frames are in the strip")
+        browser.click("#strip li:nth-child(2) button")
+        browser.wait("return stars.view && stars.view.report.solved && stars.shown < stars.newest", "a frame is looked back at")
         browser.click("#whatif")
         image = browser.run("return document.getElementById('replay-image').textContent")
 

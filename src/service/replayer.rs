@@ -35,7 +35,7 @@ pub enum ReplayError {
     #[error("no frame is in the journal yet (record.enabled, record.journal)")]
     Nothing,
     /// It is none of those that are remembered.
-    #[error("image {} is not there, or not any more: images {} to {} are", image.0, first.0, last.0)]
+    #[error("image {} is not written down yet, or not any more: images {} to {} are", image.0, first.0, last.0)]
     Gone {
         /// The one that was wanted.
         image: ImageCounter,

@@ -364,7 +364,7 @@ async fn the_page_is_told_what_other_settings_would_have_given_and_what_is_wrong
         ("/replay?image=1&set=solver.sources.snr_treshold%3D4", 400, "solver.sources.snr_treshold"),
         ("/replay?image=1&set=solver.sources.snr_threshold%3D-4", 400, "solver.sources.snr_threshold"),
         ("/replay?image=1&set=", 400, "not of the form"),
-        ("/replay?image=7", 404, "image 7 is not there"),
+        ("/replay?image=7", 404, "image 7 is not written down"),
         ("/replay?image=seven", 400, "seven"),
         ("/replay?image=4294967296", 400, "4294967296"),
         ("/replay?picture=1", 400, "picture"),
