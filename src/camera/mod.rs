@@ -9,6 +9,7 @@
 mod aravis;
 mod auto_exposure;
 mod directory;
+mod gondola;
 mod line;
 mod sky;
 mod triggers;
@@ -17,8 +18,9 @@ mod triggers;
 pub use aravis::AravisCamera;
 pub use auto_exposure::{Light, Look, next_light};
 pub use directory::Directory;
+pub use gondola::Gondola;
 pub use line::{LinePulses, SimulatedLine, TellPulses};
-pub use sky::{Gondola, SimulatedSky};
+pub use sky::SimulatedSky;
 pub use triggers::{TriggerDecision, TriggerEvent, TriggerWatch};
 
 use crate::image::{ImageCounter, Series, Stamp};

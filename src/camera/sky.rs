@@ -1,71 +1,20 @@
 //! The simulated sky: frames rendered from the catalogue, as a gondola sees them that scans in azimuth while the sky turns.
 
+use super::gondola::{Gondola, exposures_of_a_series};
 use super::{CameraError, Moment, Source};
 use crate::catalog::Catalogue;
-use crate::image::Series;
-use crate::settings::{Settings, SimulateSettings};
-use crate::simulate::sky::{Exposure, Kind, RenderSpec, Truth, UnknownKind, render_with};
-use crate::sky::{ARCSEC, Attitude, DEG, Observer, RowOrder, precess_from_j2000, wrap_two_pi};
-use std::f64::consts::{FRAC_PI_2, TAU};
+use crate::image::{Frame, Series};
+use crate::settings::Settings;
+use crate::simulate::sky::{Exposure, Kind, Part, RenderSpec, Truth, UnknownKind, render_with};
+use crate::sky::{ARCSEC, Attitude, RowOrder, Vec3};
+use crate::solve::Motion;
 use std::sync::Arc;
 use std::time::Duration;
 
 /// The exposure that rendered frames are made for, s: the program's that flew. Another one changes their light.
 const NOMINAL_EXPOSURE_S: f64 = 0.12;
-
-/// A gondola: where it stands and how it moves. All angles in rad.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Gondola {
-    /// The observer at the start; the sidereal time comes from the seed, so that another seed sees another sky.
-    start: Observer,
-    elevation: f64,
-    scan_rate: f64,
-    scan_amplitude: f64,
-}
-
-impl Gondola {
-    /// The gondola that the settings describe.
-    pub fn new(settings: &SimulateSettings) -> Self {
-        // Multiples of the golden ratio spread seeds over the day evenly.
-        const GOLDEN: f64 = 0.618_033_988_749_894_9;
-        Self {
-            start: Observer {
-                latitude: settings.latitude_deg * DEG,
-                sidereal_time: (settings.seed as f64 * GOLDEN).fract() * TAU,
-            },
-            elevation: settings.elevation_deg * DEG,
-            scan_rate: settings.scan_rate_deg_s * DEG,
-            scan_amplitude: settings.scan_amplitude_deg * DEG,
-        }
-    }
-
-    /// Latitude, and sidereal time at a time after the start.
-    pub fn observer(&self, uptime: Duration) -> Observer {
-        self.start.after(uptime.as_secs_f64())
-    }
-
-    /// Azimuth: to and fro about North at the scan's rate.
-    pub fn azimuth(&self, uptime: Duration) -> f64 {
-        if self.scan_amplitude <= 0.0 {
-            return 0.0;
-        }
-        let path = (self.scan_rate * uptime.as_secs_f64()).rem_euclid(4.0 * self.scan_amplitude);
-        let swing = if path <= 2.0 * self.scan_amplitude { path } else { 4.0 * self.scan_amplitude - path };
-        wrap_two_pi(swing - self.scan_amplitude)
-    }
-
-    /// The attitude of a camera whose up direction is towards the zenith. `julian_year`: the epoch of date that azimuth and
-    /// elevation refer to; `None` takes sidereal time as that of ICRS.
-    pub fn attitude(&self, uptime: Duration, julian_year: Option<f64>) -> Option<Attitude> {
-        let observer = self.observer(uptime);
-        let azimuth = self.azimuth(uptime);
-        let to_icrs = |elevation: f64| {
-            let of_date = observer.direction_of(azimuth, elevation);
-            julian_year.map_or(of_date, |year| precess_from_j2000(year).tr_mul(&of_date))
-        };
-        Attitude::from_boresight_up(&to_icrs(self.elevation), &to_icrs(self.elevation + FRAC_PI_2))
-    }
-}
+/// Length of a step along the trails of a series, s: at the scan's usual rate a third of a pixel.
+const STEP_S: f64 = 0.004;
 
 /// The camera that looks at the simulated sky. Everything from it is stamped as simulated.
 pub struct SimulatedSky {
@@ -132,6 +81,70 @@ impl SimulatedSky {
         self
     }
 
+    /// The same under a gondola that was under way for so long before.
+    #[must_use]
+    pub fn after(mut self, flown: Duration) -> Self {
+        self.gondola = self.gondola.after(flown);
+        self
+    }
+
+    /// So many exposures of one series, during which the gondola goes on scanning, and how gyros without noise see that. The truth is that
+    /// of the middle of their light.
+    ///
+    /// # Errors
+    /// As [`Source::next`].
+    pub fn series(&mut self, moment: &Moment, count: u8) -> Result<(Series, Motion), CameraError> {
+        let year = moment.utc.map(|utc| utc.julian_year());
+        let exposures = exposures_of_a_series(count, self.exposure_s);
+        let seen = |since_s: f64| self.gondola.attitude(moment.uptime + Duration::from_secs_f64(since_s), year);
+        let steps = (self.exposure_s / STEP_S).ceil().max(1.0) as u32;
+        let moments =
+            |start: f64, length: f64| (0..steps).map(move |step| start + length * (f64::from(step) + 0.5) / f64::from(steps));
+        let along = |(start, length): (f64, f64)| moments(start, length).filter_map(seen).collect::<Vec<_>>();
+        let trails: Vec<Vec<Attitude>> = exposures.iter().copied().map(along).collect();
+        let unknown = || CameraError::Unavailable("the gondola looks nowhere".to_owned());
+        let first = *trails.first().and_then(|trail| trail.first()).ok_or_else(unknown)?;
+        let all = || trails.iter().flatten();
+        let middle = first.turned(&(all().map(|other| first.turn_to(other)).sum::<Vec3>() / all().count() as f64));
+        let mut frames = Vec::with_capacity(trails.len());
+        for ((place, trail), (start, length)) in (0..).zip(&trails).zip(&exposures) {
+            let turns = trail.iter().map(|attitude| middle.turn_to(attitude)).collect();
+            let part = Part { place, turns, starlight: 1.0, most_flux_adu: f64::INFINITY };
+            frames.push(self.expose(moment, Some(middle), Some(part), start + 0.5 * length)?);
+        }
+        let series = Series::new(frames).map_err(|error| CameraError::Unavailable(error.to_string()))?;
+        Ok((series, self.gondola.motion(moment.uptime, &exposures)))
+    }
+
+    /// A frame, or one exposure of a series, with its middle so long after the moment, s.
+    fn expose(
+        &mut self,
+        moment: &Moment,
+        attitude: Option<Attitude>,
+        part: Option<Part>,
+        middle_s: f64,
+    ) -> Result<Frame, CameraError> {
+        let year = moment.utc.map(|utc| utc.julian_year());
+        let spec = RenderSpec {
+            index: u64::from(moment.image.0),
+            attitude,
+            epoch_yr: year.unwrap_or(self.spec.epoch_yr),
+            disc_px: self.lens.as_ref().map(LensFocus::disc_px),
+            part,
+            light: self.exposure_s / NOMINAL_EXPOSURE_S,
+            gain: 10_f64.powf(self.gain_db / 20.0),
+            ..self.spec.clone()
+        };
+        let rendered = render_with(&spec, &self.catalogue, &mut self.exposure)
+            .map_err(|error| CameraError::Unavailable(error.to_string()))?;
+        let mut frame = rendered.frame;
+        moment.date(middle_s, &mut frame.stamp);
+        frame.stamp.exposure_s = Some(self.exposure_s);
+        frame.stamp.observer = Some(self.gondola.observer(moment.uptime));
+        self.truth = Some(rendered.truth);
+        Ok(frame)
+    }
+
     /// What the last frame shows.
     pub fn truth(&self) -> Option<&Truth> {
         self.truth.as_ref()
@@ -154,23 +167,8 @@ impl LensFocus {
 impl Source for SimulatedSky {
     fn next(&mut self, moment: &Moment) -> Result<Series, CameraError> {
         let year = moment.utc.map(|utc| utc.julian_year());
-        let spec = RenderSpec {
-            index: u64::from(moment.image.0),
-            attitude: self.gondola.attitude(moment.uptime, year),
-            epoch_yr: year.unwrap_or(self.spec.epoch_yr),
-            disc_px: self.lens.as_ref().map(LensFocus::disc_px),
-            light: self.exposure_s / NOMINAL_EXPOSURE_S,
-            gain: 10_f64.powf(self.gain_db / 20.0),
-            ..self.spec.clone()
-        };
-        let rendered = render_with(&spec, &self.catalogue, &mut self.exposure)
-            .map_err(|error| CameraError::Unavailable(error.to_string()))?;
-        let mut frame = rendered.frame;
-        moment.date(0.0, &mut frame.stamp);
-        frame.stamp.exposure_s = Some(self.exposure_s);
-        frame.stamp.observer = Some(self.gondola.observer(moment.uptime));
-        self.truth = Some(rendered.truth);
-        Ok(frame.into())
+        let attitude = self.gondola.attitude(moment.uptime, year);
+        Ok(self.expose(moment, attitude, None, 0.0)?.into())
     }
 
     fn gain(&mut self) -> Result<f64, CameraError> {
@@ -197,7 +195,7 @@ mod tests {
     use super::*;
     use crate::camera::Ask;
     use crate::image::ImageCounter;
-    use crate::sky::{ClockQuality, Utc, horizontal_of, separation};
+    use crate::sky::{ClockQuality, Utc, separation};
 
     fn settings() -> Settings {
         Settings::flight().unwrap()
@@ -212,36 +210,6 @@ mod tests {
             sigma_s: None,
             ask: Ask::Expose,
         }
-    }
-
-    #[test]
-    fn the_gondola_scans_within_its_limits_and_holds_its_elevation() {
-        let settings = settings();
-        let gondola = Gondola::new(&settings.simulate);
-        let limit = settings.simulate.scan_amplitude_deg * DEG + 1e-9;
-        let mut previous = gondola.azimuth(Duration::ZERO);
-        for second in 1..600 {
-            let uptime = Duration::from_secs(second);
-            let azimuth = gondola.azimuth(uptime);
-            let from_north = crate::sky::wrap_pi(azimuth);
-            assert!(from_north.abs() <= limit, "{second} s: {}°", from_north / DEG);
-            let moved = crate::sky::wrap_pi(azimuth - previous).abs();
-            assert!(moved <= settings.simulate.scan_rate_deg_s * DEG + 1e-9);
-            previous = azimuth;
-            let attitude = gondola.attitude(uptime, Some(2027.0)).unwrap();
-            let horizontal = horizontal_of(&attitude, &gondola.observer(uptime), Some(2027.0));
-            assert!((horizontal.elevation - settings.simulate.elevation_deg * DEG).abs() < 1e-9);
-            assert!(crate::sky::wrap_pi(horizontal.azimuth - azimuth).abs() < 1e-9);
-            assert!(horizontal.roll.abs() < 1e-9);
-        }
-    }
-
-    #[test]
-    fn a_gondola_that_does_not_scan_sees_the_sky_turn() {
-        let still = SimulateSettings { scan_amplitude_deg: 0.0, latitude_deg: 0.0, elevation_deg: 90.0, ..settings().simulate };
-        let gondola = Gondola::new(&still);
-        let [a, b] = [0, 3600].map(|s| gondola.attitude(Duration::from_secs(s), None).unwrap().boresight());
-        assert!((separation(&a, &b) / DEG - 15.041).abs() < 1e-3);
     }
 
     #[test]

@@ -5,14 +5,16 @@ use super::{ConfigArgs, NEGATIVE, print};
 use crate::camera::{CameraError, Gondola, Moment, SimulatedSky, Source};
 use crate::image::Series;
 use crate::service::{
-    Doors, MakeSource, PageSocket, Parts, Running, Seen, Sighting, SimulatedLens, Stars, StartError, fly, simulated_sky,
+    Doors, Inputs, MakeSource, PageSocket, Parts, Running, Seen, Sighting, SimulatedLens, Stars, StartError, fly, simulated_sky,
     start_with,
 };
 use crate::settings::{CameraKind, Layer, LensKind, Loaded, Settings, parse_span};
-use crate::simulate::{COVERED_SIGMA, FlightComputer, Judged};
-use crate::sky::Attitude;
-use crate::solve::Reason;
+use crate::simulate::{COVERED_SIGMA, FlightComputer, Judged, measured};
+use crate::sky::{ARCSEC, Attitude};
+use crate::solve::{Motion, Reason, SearchMode};
 use crate::wire::{Equatorial, Image};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -26,6 +28,11 @@ const COMPUTERS: [u8; 2] = [1, 2];
 const QUEUE: usize = 64;
 /// Images whose truth and receivers are remembered: many more than are ever under way.
 const REMEMBERED: usize = 64;
+/// One image in so many is a series of exposures, the one of this number, and the exposures of it.
+const SERIES: (u32, u32) = (4, 3);
+const EXPOSURES: u8 = 4;
+/// Noise of the gyros, rad/s/√Hz.
+const GYRO_NOISE: f64 = 4.0 * ARCSEC;
 /// Time before a simulated flight computer connects again.
 const RETRY: Duration = Duration::from_millis(200);
 
@@ -35,7 +42,8 @@ const RETRY: Duration = Duration::from_millis(200);
   stars demo --duration 30s
   stars demo --set lens.simulated.faults='5s power_cycle 2s, 20s vanished 5s'
   stars demo --set simulate.kind=dense --set simulate.seed=7 --set camera.period_s=1
-Unless they are set, a frame comes every 2 s, any free port is taken, and nothing is kept on disk. Exits 0 if solutions came,
+Every fourth image is a series of four exposures during which the gondola scans on; it is solved along the trails of its stars, by the
+rates that the flight computer in charge sends. Unless they are set, a frame comes every 2 s, any free port is taken, and nothing is kept on disk. Exits 0 if solutions came,
 none was wrong, and both flight computers got each of them (which frames that come faster than updates can't); 1 if not.")]
 pub struct Args {
     /// End by itself after this time, such as 30s
@@ -96,7 +104,9 @@ async fn demonstrate(settings: Arc<Settings>, duration: Option<Duration>, images
     let truths = Truths::default();
     let stars = Stars::of(&settings);
     let parts = Parts::with_stars(&settings, &stars)?;
-    let parts = Parts { camera: Some(sky(&settings, &stars, parts.lens.as_ref(), &truths)), ..parts };
+    let [(gyros_1, turns_1), (gyros_2, turns_2)] = COMPUTERS.map(|_| mpsc::channel(1));
+    let noting = Noting { truths: Arc::clone(&truths), gyros: [gyros_1, gyros_2] };
+    let parts = Parts { camera: Some(sky(&settings, &stars, parts.lens.as_ref(), noting)), ..parts };
     let address = settings.network.listen.clone();
     let socket = TcpListener::bind(&address).await.map_err(|error| StartError::Listen { address, error })?;
     let doors = Doors { page: PageSocket::open(&settings.display.listen), ..Doors::from(socket) };
@@ -106,7 +116,9 @@ async fn demonstrate(settings: Arc<Settings>, duration: Option<Duration>, images
         Some(page) => print(&format!("the page: http://{page}/"))?,
         None => print(&format!("there is no page: {} cannot be had", settings.display.listen))?,
     }
-    let [one, two] = COMPUTERS.map(|id| board_computer(id, &running, &Gondola::new(&settings.simulate)));
+    let gondola = Gondola::new(&settings.simulate);
+    let one = board_computer(COMPUTERS[0], &running, &gondola, turns_1);
+    let two = board_computer(COMPUTERS[1], &running, &gondola, turns_2);
     let mut board = Board::new(truths, settings.camera.period_s > settings.network.update_period_s);
     let why = tokio::select! {
         why = until(stop, duration) => why,
@@ -128,14 +140,15 @@ fn lens_summary(running: &Running) -> String {
 }
 
 /// Starts a flight computer that knows where it is, and connects it.
-fn board_computer(id: u8, running: &Running, gondola: &Gondola) -> mpsc::Receiver<Sighting> {
+fn board_computer(id: u8, running: &Running, gondola: &Gondola, turns: mpsc::Receiver<Motion>) -> mpsc::Receiver<Sighting> {
     let (sender, sightings) = mpsc::channel(QUEUE);
     let mut computer = FlightComputer::new(id, running.clock.boot_id().wrapping_add(u32::from(id)));
     computer.claims_charge = id == COMPUTERS[0];
     computer.observer = Some(gondola.observer(running.clock.uptime()));
+    computer.trigger = Some(1);
     // Nobody on the ground commands it.
     let (_, ground) = mpsc::channel(1);
-    tokio::spawn(fly(computer, running.address.to_string(), RETRY, ground, sender));
+    tokio::spawn(fly(computer, running.address.to_string(), RETRY, Inputs { ground, turns }, sender));
     sightings
 }
 
@@ -164,29 +177,55 @@ async fn show(
     Ok("enough images")
 }
 
-/// The simulated sky as the camera, its truths noted.
-fn sky(settings: &Arc<Settings>, stars: &Stars, lens: Option<&SimulatedLens>, truths: &Truths) -> MakeSource {
-    struct Noted {
-        sky: SimulatedSky,
-        truths: Truths,
-    }
-    impl Source for Noted {
-        fn next(&mut self, moment: &Moment) -> Result<Series, CameraError> {
-            let series = self.sky.next(moment)?;
-            let mut truths = self.truths.lock().unwrap_or_else(PoisonError::into_inner);
-            if let Some(attitude) = self.sky.truth().and_then(|truth| truth.attitude) {
-                truths.insert(moment.image.0, attitude);
-            }
-            while truths.len() > REMEMBERED {
-                truths.pop_first();
-            }
-            Ok(series)
+/// Where it is noted what the camera saw.
+#[derive(Clone)]
+struct Noting {
+    truths: Truths,
+    /// To the flight computers: how the gondola turned during a series.
+    gyros: [mpsc::Sender<Motion>; COMPUTERS.len()],
+}
+
+/// The simulated sky as the camera.
+struct Noted {
+    sky: SimulatedSky,
+    noting: Noting,
+    random: ChaCha8Rng,
+}
+
+impl Noted {
+    /// A series: it takes its time, and then each computer has what its gyros measured.
+    fn series(&mut self, moment: &Moment) -> Result<Series, CameraError> {
+        let (series, motion) = self.sky.series(moment, EXPOSURES)?;
+        std::thread::sleep(Duration::from_secs_f64(motion.length_s()));
+        for computer in &self.noting.gyros {
+            // One that is not connected has no use for it.
+            let _ = computer.try_send(measured(&motion, GYRO_NOISE, &mut self.random));
         }
+        Ok(series)
     }
-    let (settings, stars, lens, truths) = (Arc::clone(settings), stars.clone(), lens.cloned(), Arc::clone(truths));
+}
+
+impl Source for Noted {
+    fn next(&mut self, moment: &Moment) -> Result<Series, CameraError> {
+        let image = moment.image.0;
+        let series = if image % SERIES.0 == SERIES.1 { self.series(moment)? } else { self.sky.next(moment)? };
+        let mut truths = self.noting.truths.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(attitude) = self.sky.truth().and_then(|truth| truth.attitude) {
+            truths.insert(image, attitude);
+        }
+        while truths.len() > REMEMBERED {
+            truths.pop_first();
+        }
+        Ok(series)
+    }
+}
+
+fn sky(settings: &Arc<Settings>, stars: &Stars, lens: Option<&SimulatedLens>, noting: Noting) -> MakeSource {
+    let (settings, stars, lens) = (Arc::clone(settings), stars.clone(), lens.cloned());
     Arc::new(move || {
         let sky = simulated_sky(&settings, &stars, lens.as_ref())?;
-        Ok(Box::new(Noted { sky, truths: Arc::clone(&truths) }) as Box<dyn Source>)
+        let random = ChaCha8Rng::seed_from_u64(settings.simulate.seed);
+        Ok(Box::new(Noted { sky, noting: noting.clone(), random }) as Box<dyn Source>)
     })
 }
 
@@ -259,7 +298,8 @@ impl Board {
         };
         self.solved += 1;
         let Equatorial { ra_deg, dec_deg, roll_deg, .. } = pointing;
-        let served = format!("image {number:<4} ra {ra_deg:.5}° dec {dec_deg:+.5}° roll {roll_deg:+.4}°");
+        let how = if image.mode.get() == Some(SearchMode::Motion) { "a series, along its trails: " } else { "" };
+        let served = format!("image {number:<4} {how}ra {ra_deg:.5}° dec {dec_deg:+.5}° roll {roll_deg:+.4}°");
         let truth = self.truths.lock().unwrap_or_else(PoisonError::into_inner).get(&number).copied();
         let Some((truth, judged)) = truth.and_then(|truth| Some((truth, Judged::served(pointing, &truth)?))) else {
             self.wrong += 1;
@@ -304,7 +344,7 @@ impl Board {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sky::{ARCSEC, DEG};
+    use crate::sky::DEG;
 
     fn board(truths: &[(u32, f64)]) -> Board {
         let attitudes = truths.iter().map(|(number, dec)| (*number, Attitude::from_angles(1.0, dec * DEG, 0.0)));

@@ -5,6 +5,7 @@ use super::clock::{Clock, utc_now};
 use super::codec::{Codec, LinkError};
 use crate::command::{Act, Command};
 use crate::simulate::{FlightComputer, Given};
+use crate::solve::Motion;
 use crate::wire::{CommandReply, Hello, Message, Refusal, Refuse, Update};
 use futures_util::{SinkExt, StreamExt};
 use std::time::Duration;
@@ -52,17 +53,33 @@ pub struct Sighting {
     pub seen: Seen,
 }
 
+/// What comes to a flight computer besides what its camera sends.
+#[derive(Debug)]
+pub struct Inputs {
+    /// Commands of the ground.
+    pub ground: mpsc::Receiver<(Act, Command)>,
+    /// How the gondola turned during a series that has just been exposed, as its gyros measured it.
+    pub turns: mpsc::Receiver<Motion>,
+}
+
+/// Commands alone: no gyros.
+impl From<mpsc::Receiver<(Act, Command)>> for Inputs {
+    fn from(ground: mpsc::Receiver<(Act, Command)>) -> Self {
+        Self { ground, turns: mpsc::channel(1).1 }
+    }
+}
+
 /// Flies a simulated flight computer: connects to `address` (`host:port`), and again `retry` after each end, until nobody takes
 /// the sightings any more. While they are not taken it does not read, as a slow computer would. It relays the commands of `ground`
-/// one after the other, whenever it is in charge.
+/// one after the other, whenever it is in charge, and tells then how the gondola turned.
 pub async fn fly(
     mut computer: FlightComputer,
     address: String,
     retry: Duration,
-    mut ground: mpsc::Receiver<(Act, Command)>,
+    inputs: impl Into<Inputs>,
     sightings: mpsc::Sender<Sighting>,
 ) {
-    let clock = Clock::start();
+    let (clock, mut inputs) = (Clock::start(), inputs.into());
     loop {
         let seen = match timeout(SILENCE, TcpStream::connect(&address)).await {
             Err(_) => Seen::Unreachable("no answer".to_owned()),
@@ -70,7 +87,7 @@ pub async fn fly(
             Ok(Ok(stream)) => {
                 // Without it a status may wait for the acknowledgement of the one before. Where it cannot be set, it waits.
                 let _ = stream.set_nodelay(true);
-                match Link::new(stream, &sightings).serve(&mut computer, &mut ground, clock).await {
+                match Link::new(stream, &sightings).serve(&mut computer, &mut inputs, clock).await {
                     End::Gone => return,
                     End::Closed(reason) => Seen::Closed { reason, refusal: None },
                     End::Refused(refuse) => Seen::Closed { reason: refuse.detail.to_string(), refusal: refuse.refusal.get() },
@@ -119,11 +136,11 @@ impl<'a, S: AsyncRead + AsyncWrite> Link<'a, S> {
         Self { from: FramedRead::new(from, Codec::default()), to: FramedWrite::new(to, Codec::default()), sightings, version: 1 }
     }
 
-    async fn serve(mut self, computer: &mut FlightComputer, ground: &mut mpsc::Receiver<(Act, Command)>, clock: Clock) -> End {
+    async fn serve(mut self, computer: &mut FlightComputer, inputs: &mut Inputs, clock: Clock) -> End {
         let hello = computer.connect();
         match self.greet(hello).await {
             Err(end) => end,
-            Ok(()) => match self.converse(computer, ground, clock).await {
+            Ok(()) => match self.converse(computer, inputs, clock).await {
                 Err(end) => end,
                 Ok(never) => match never {},
             },
@@ -157,7 +174,7 @@ impl<'a, S: AsyncRead + AsyncWrite> Link<'a, S> {
     async fn converse(
         &mut self,
         computer: &mut FlightComputer,
-        ground: &mut mpsc::Receiver<(Act, Command)>,
+        inputs: &mut Inputs,
         clock: Clock,
     ) -> Result<std::convert::Infallible, End> {
         let mut schedule = interval(STATUS_PERIOD);
@@ -178,7 +195,15 @@ impl<'a, S: AsyncRead + AsyncWrite> Link<'a, S> {
                     }
                     self.all_answered(before, computer).await?;
                 }
-                Some((act, command)) = ground.recv() => computer.relay(act, command),
+                Some((act, command)) = inputs.ground.recv() => computer.relay(act, command),
+                Some(measured) = inputs.turns.recv() => {
+                    let lasted = Duration::try_from_secs_f64(measured.length_s()).unwrap_or_default();
+                    let begun = clock.uptime().saturating_sub(lasted);
+                    let gyro = computer.turned(&measured, begun).filter(|_| computer.holds_lease());
+                    if let Some(gyro) = gyro {
+                        self.send(&Message::Gyro(Box::new(gyro))).await?;
+                    }
+                }
                 next = self.from.next() => {
                     heard = Instant::now();
                     match received(next)? {
@@ -255,9 +280,10 @@ mod tests {
         let (near, far) = tokio::io::duplex(1 << 16);
         let (from, to) = tokio::io::split(far);
         let camera = camera(Camera { from: FramedRead::new(from, Codec::default()), to: FramedWrite::new(to, Codec::default()) });
-        let ((sightings, mut seen), (_, mut ground)) = (mpsc::channel(64), mpsc::channel(1));
+        let ((sightings, mut seen), (_, ground)) = (mpsc::channel(64), mpsc::channel(1));
+        let mut inputs = Inputs::from(ground);
         let mut computer = FlightComputer::new(1, 7);
-        let (end, _camera) = tokio::join!(Link::new(near, &sightings).serve(&mut computer, &mut ground, Clock::start()), camera);
+        let (end, _camera) = tokio::join!(Link::new(near, &sightings).serve(&mut computer, &mut inputs, Clock::start()), camera);
         drop(sightings);
         let mut all = Vec::new();
         while let Some(sighting) = seen.recv().await {

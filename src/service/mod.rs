@@ -81,7 +81,7 @@ pub use clock::{Clock, SimulatedUtc, utc_now};
 pub use codec::{Codec, LinkError};
 pub use display::{Page, PageSocket};
 pub use file::{FileError, free_bytes, read_file};
-pub use flight_computer::{STATUS_PERIOD, Seen, Sighting, fly};
+pub use flight_computer::{Inputs, STATUS_PERIOD, Seen, Sighting, fly};
 pub use housekeeping::{Measurements, Quantity, Reading, SensorError, is_simulated, read_once};
 pub use index::{IndexOrigin, Prepared, prepare};
 pub use journal::files as journals;

@@ -2,9 +2,10 @@
 
 use crate::command::{Act, Command, Key, Refusal, Slot};
 use crate::sky::{ClockQuality, Observer, Utc};
+use crate::solve::Motion;
 use crate::wire::{
-    Clock, CommandReply, CommandSlot, Commands, EquatorialEstimate, Hello, HorizontalEstimate, List, ObserverPart, Role, SLOTS,
-    Status, Update,
+    Clock, CommandReply, CommandSlot, Commands, EquatorialEstimate, Gyro, Hello, HorizontalEstimate, List, ObserverPart, Role,
+    SLOTS, Status, Update,
 };
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -79,6 +80,7 @@ struct Link {
     statuses: u32,
     updates: u32,
     last_sequence: Option<u32>,
+    next_image: Option<u32>,
 }
 
 impl FlightComputer {
@@ -125,10 +127,20 @@ impl FlightComputer {
         }
     }
 
+    /// The rates of a series that has just been exposed, as its gyros measured them from a time after this computer's start: of the image
+    /// that was to be next by the last update, and of the series of triggers by the statuses until now. The next status begins the next one.
+    /// `None` where either is not known.
+    pub fn turned(&mut self, measured: &Motion, begun: Duration) -> Option<Gyro> {
+        let trigger = self.trigger?;
+        self.trigger = Some(trigger.wrapping_add(1));
+        Some(Gyro::new(measured, (trigger, self.link.next_image?), begun.as_secs_f64()))
+    }
+
     /// Takes note of an update; gives the replies in it that are new.
     pub fn on_update(&mut self, update: &Update) -> Vec<CommandReply> {
         self.link.updates = self.link.updates.wrapping_add(1);
         self.link.last_sequence = Some(update.link.sequence.get());
+        self.link.next_image = Some(update.camera.next_image_counter.get());
         let relay = &mut self.relay;
         // A camera that was started again on the same connection counts its replies from 1.
         let boot = update.link.boot_id.get();

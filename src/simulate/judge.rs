@@ -2,7 +2,7 @@
 
 use crate::sky::{ARCSEC, Attitude, separation, wrap_pi};
 use crate::solve::PointingReport;
-use crate::wire::Equatorial;
+use crate::wire::{Equatorial, SeriesStart};
 
 /// A solution within this many σ is covered by its own errors: 98.9 % of a sound Gaussian in two dimensions are.
 pub const COVERED_SIGMA: f64 = 3.0;
@@ -57,6 +57,19 @@ impl Judged {
             ..PointingReport::default()
         };
         Self::new(&report, truth)
+    }
+
+    /// Compares the start of a series as it came over the wire with the truth; `pointing` is that of the same image.
+    pub fn start(start: &SeriesStart, pointing: &Equatorial, truth: &Attitude) -> Option<Self> {
+        let at_start = Equatorial {
+            ra_deg: start.start_ra_deg,
+            dec_deg: start.start_dec_deg,
+            roll_deg: start.start_roll_deg,
+            sigma_east_arcsec: start.start_sigma_east_arcsec,
+            sigma_north_arcsec: start.start_sigma_north_arcsec,
+            ..*pointing
+        };
+        Self::served(&at_start, truth)
     }
 
     /// Whether the pointing's own errors cover how far it is off.

@@ -82,6 +82,14 @@ impl Attitude {
         let (boresight, up) = (turn(Vec3::z()), turn(Vec3::y()));
         Self::from_boresight_up(&self.to_sky(&boresight), &self.to_sky(&up)).unwrap_or(*self)
     }
+
+    /// The turn that leads to another attitude, as [`Self::turned`] takes it; of less than a right angle.
+    pub fn turn_to(&self, other: &Self) -> Vec3 {
+        let seen = |axis: Vec3, of_other: Vec3| axis.cross(&self.to_camera(&of_other));
+        let twice = seen(Vec3::x(), other.left()) + seen(Vec3::y(), other.up()) + seen(Vec3::z(), other.boresight());
+        let sine = 0.5 * twice.norm();
+        if sine > 0.0 { twice * (0.5 * libm::asin(sine.min(1.0)) / sine) } else { Vec3::zeros() }
+    }
 }
 
 #[cfg(test)]
@@ -109,6 +117,14 @@ mod tests {
         let v = Vec3::new(0.1, -0.2, 0.97);
         assert!((attitude.to_camera(&attitude.to_sky(&v)) - v).norm() < 1e-14);
         assert!((attitude.left().cross(&attitude.up()) - attitude.boresight()).norm() < 1e-14);
+    }
+
+    #[test]
+    fn the_turn_to_another_attitude_leads_there() {
+        let attitude = Attitude::from_angles(2.0, -0.7, 0.4);
+        for turn in [Vec3::new(0.3, -0.2, 0.9), Vec3::new(1e-7, 2e-9, -3e-8), Vec3::zeros()] {
+            assert!((attitude.turn_to(&attitude.turned(&turn)) - turn).norm() < 1e-12 + 1e-9 * turn.norm());
+        }
     }
 
     #[test]

@@ -108,6 +108,11 @@ impl Motion {
         track
     }
 
+    /// From the first sample to the end of the last exposure, s.
+    pub fn length_s(&self) -> f64 {
+        self.exposures.last().map_or(0.0, |(start, length)| start + length)
+    }
+
     /// From the start of the first exposure to the middle of the series' light, s.
     pub fn start_to_middle_s(&self) -> f64 {
         self.middle_s() - self.exposures.first().map_or(0.0, |exposure| exposure.0)

@@ -179,11 +179,12 @@ fn a_camera_without_a_driver_starts_nothing_and_the_self_test_says_so() {
 
 #[test]
 fn the_demonstration_shows_solutions_beside_the_truth_and_ends_well() {
-    let shown = run(&["demo", "--images", "2", "--duration", "100s", "--set", "camera.period_s=1"]);
+    let shown = run(&["demo", "--images", "4", "--duration", "100s", "--set", "camera.period_s=1"]);
     let lines = text(&shown.stdout);
     assert_eq!(shown.status.code(), Some(0), "{lines}{}", text(&shown.stderr));
     assert!(lines.contains("the page: http://127.0.0.1:"), "{lines}");
-    assert_eq!(lines.lines().filter(|line| line.contains("truth") && line.contains("covered")).count(), 2, "{lines}");
+    assert_eq!(lines.lines().filter(|line| line.contains("truth") && line.contains("covered")).count(), 4, "{lines}");
+    assert_eq!(lines.matches("a series, along its trails").count(), 1, "{lines}");
     assert!(lines.contains("0 wrong"), "{lines}");
 }
 
