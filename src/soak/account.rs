@@ -1,11 +1,11 @@
 //! The account: what was due and what came, from both sides, so that nothing can be lost or made up unseen.
 
 use crate::command::{Command, Stage};
-use crate::service::{Disk, ImageCounters, Shed, State};
+use crate::service::{Actor, Disk, ImageCounters, Shed, State};
 use crate::simulate::Judged;
 use crate::sky::Attitude;
-use crate::solve::Reason;
-use crate::wire::{CommandReply, Update};
+use crate::solve::{Reason, SearchMode};
+use crate::wire::{CommandReply, Refusal, Update};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -31,8 +31,27 @@ pub const GAPS_MS: [u64; 8] = [500, 510, 520, 550, 600, 700, 1000, u64::MAX];
 pub struct Truth {
     /// When its capture began, uptime of the service.
     pub begun: Duration,
-    /// Where the camera pointed; `None` where there is nothing to solve.
+    /// Where the camera pointed, in the middle of the light of a series; `None` where there is nothing to solve.
     pub attitude: Option<Attitude>,
+    /// And at its start.
+    pub start: Option<Attitude>,
+    /// Its exposures.
+    pub exposures: u8,
+}
+
+/// Gyro rates that a computer sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Rates {
+    /// As they should be.
+    Sound,
+    /// Another motion's, and nothing shows it but the image.
+    Wrong,
+    /// They must be refused, and counted.
+    Refused,
+    /// They must be passed over: of a series of triggers that is none, or from the computer that is not in charge.
+    Unheard,
+    /// One of them is no number, so that the link must end with an answer.
+    NotFinite,
 }
 
 /// All that is counted.
@@ -90,6 +109,22 @@ pub struct Book {
     pub sensor_shown: u64,
     /// See there.
     pub misread: Vec<String>,
+    /// Series of several exposures, and those of this run: exposures by image.
+    pub series: u32,
+    /// See there.
+    exposures: BTreeMap<u32, u8>,
+    /// Images solved along the motion that gyros told.
+    pub along: u32,
+    /// Rates that were sent, by what they were, and how many blocks of them were refused.
+    pub rates: BTreeMap<Rates, u32>,
+    /// See there.
+    pub rates_refused: u32,
+    /// Refusals that there must be in this run.
+    refusals_due: u32,
+    /// Images of which rates were sent that may be used, by run.
+    moved: BTreeSet<(usize, u32)>,
+    /// What was done with rates that must not be, in words.
+    pub rates_misused: Vec<String>,
     /// By run of the service and image.
     truths: BTreeMap<(usize, u32), Truth>,
     /// Images that were judged, by run and image.
@@ -153,6 +188,8 @@ impl Account {
         book.solved_at.get_or_insert_with(Instant::now);
         book.focus_known_at.get_or_insert_with(Instant::now);
         book.unreadable.clear();
+        book.exposures.clear();
+        book.refusals_due = 0;
     }
 
     /// Time since the last solution, or since the flight began.
@@ -185,9 +222,10 @@ impl Account {
 
     /// The service has ended: its boot, what it counted, which images of this run are on disk and how many of its newest must be, and which
     /// parts of it did not end in time.
-    pub fn end_run(&self, boot: u32, state: &State, on_disk: &(BTreeSet<u32>, u32), late: Vec<&'static str>) {
+    pub fn end_run(&self, boot: u32, state: &State, on_disk: &(BTreeMap<u32, u8>, u32), late: Vec<&'static str>) {
         let mut book = self.book();
         book.end_images(state, on_disk);
+        book.end_rates(state);
         book.note_time_unsolved();
         book.ended_runs.push(EndedRun { boot, frames: state.counters.frames_taken, late });
         book.frames += state.counters.frames_taken;
@@ -206,6 +244,10 @@ impl Account {
     pub fn truth(&self, image: u32, truth: Truth) {
         let mut book = self.book();
         let run = book.runs;
+        if truth.exposures > 1 {
+            book.series += 1;
+            book.exposures.insert(image, truth.exposures);
+        }
         let known = book.truths.entry((run, image)).or_insert(truth);
         if truth.begun >= known.begun {
             *known = truth;
@@ -255,14 +297,45 @@ impl Account {
         book.solved += 1;
         book.note_time_unsolved();
         book.solved_at = Some(Instant::now());
-        let judged =
-            book.truths.get(&(run, number)).and_then(|truth| truth.attitude).and_then(|truth| Judged::served(pointing, &truth));
-        match judged {
-            Some(judged) if !judged.is_wrong() => {}
-            Some(judged) => {
-                book.wrong.push(format!("run {run}, image {number}: off by {:.1}″, σ {:.2}″", judged.error, judged.sigma))
+        let truth = book.truths.get(&(run, number)).copied();
+        book.judge(&format!("run {run}, image {number}"), truth.and_then(|t| Judged::served(pointing, &t.attitude?)));
+        let start = update.series.get().and_then(|series| series.start.get());
+        if image.mode.get() == Some(SearchMode::Motion) {
+            book.along += 1;
+            let judged = start.zip(truth).and_then(|(start, t)| Judged::start(start, pointing, &t.start?));
+            book.judge(&format!("run {run}, start of series {number}"), judged);
+            if !book.moved.contains(&(run, number)) {
+                book.rates_misused.push(format!("run {run}, image {number}: solved along a motion that nobody in charge told"));
             }
-            None => book.wrong.push(format!("run {run}, image {number}: solved, and there was nothing to solve")),
+        }
+    }
+
+    /// A computer sends rates, of the image of that number of the run with that boot.
+    pub fn rates(&self, boot: u32, image: u32, rates: Rates) {
+        let mut book = self.book();
+        *book.rates.entry(rates).or_default() += 1;
+        if matches!(rates, Rates::Sound | Rates::Wrong)
+            && let Some(run) = book.boots.get(&boot).copied()
+        {
+            book.moved.insert((run, image));
+            while book.moved.len() > REMEMBERED {
+                book.moved.pop_first();
+            }
+        }
+    }
+
+    /// So many blocks of rates must have been refused by the run with that boot.
+    pub fn refusals_due(&self, boot: u32, count: u32) {
+        let mut book = self.book();
+        if book.boots.get(&boot) == Some(&book.runs) {
+            book.refusals_due += count;
+        }
+    }
+
+    /// Rates that were no numbers were answered, by that last word.
+    pub fn answered(&self, word: Option<Refusal>) {
+        if word != Some(Refusal::BadMessage) {
+            self.book().rates_misused.push(format!("rates that are no numbers were answered with {word:?}"));
         }
     }
 
@@ -332,22 +405,55 @@ impl Account {
 }
 
 impl Book {
+    /// Takes note of how a pointing compares with the truth; of `None` there was none.
+    fn judge(&mut self, what: &str, judged: Option<Judged>) {
+        match judged {
+            Some(judged) if !judged.is_wrong() => {}
+            Some(judged) => self.wrong.push(format!("{what}: off by {:.1}″, σ {:.2}″", judged.error, judged.sigma)),
+            None => self.wrong.push(format!("{what}: solved, and there was nothing to solve")),
+        }
+    }
+
+    /// The rates of a run that has ended: those were refused that had to be.
+    fn end_rates(&mut self, state: &State) {
+        let (refused, due) = (state.motions.refused, self.refusals_due);
+        self.rates_refused += refused;
+        if refused < due {
+            let number = self.runs;
+            self.rates_misused.push(format!("run {number}: {refused} blocks of rates refused, of {due} that had to be"));
+        }
+    }
+
     fn note_time_unsolved(&mut self) {
         let since = self.solved_at.map_or(Duration::ZERO, |at| at.elapsed());
         self.longest_unsolved = self.longest_unsolved.max(since);
     }
 
     /// The images of a run that has ended: none may be missing, but for a disk that was dead or full, or a computer that was too slow.
-    fn end_images(&mut self, state: &State, (on_disk, newest): &(BTreeSet<u32>, u32)) {
+    fn end_images(&mut self, state: &State, (on_disk, newest): &(BTreeMap<u32, u8>, u32)) {
         let run = state.counters.images.get(&Disk::Images).copied().unwrap_or_default();
         let taken = state.counters.frames_taken;
         if !std::mem::take(&mut self.excused) {
             let newest = taken.saturating_sub(*newest)..taken;
-            let missing: Vec<u32> = newest.filter(|image| !on_disk.contains(image) && !self.unreadable.contains(image)).collect();
+            let is_missing = |image: &u32| {
+                let (wanted, got) = (self.exposures.get(image).unwrap_or(&1), on_disk.get(image).unwrap_or(&0));
+                wanted != got && !self.unreadable.contains(image)
+            };
+            let missing: Vec<u32> = newest.filter(is_missing).collect();
             if run.lost > 0 || !missing.is_empty() {
                 let number = self.runs;
                 self.images_missing.push(format!("run {number}: of {taken} frames {} were lost, missing {missing:?}", run.lost));
             }
+        }
+        // However it went with the disk, each was kept or is known to be lost. An archive that is started anew while it
+        // writes one does not say what became of that.
+        let read = (0..taken).filter(|image| !self.unreadable.contains(image));
+        let exposures: u32 = read.map(|image| self.exposures.get(&image).copied().map_or(1, u32::from)).sum();
+        let forgotten = state.counters.restarts.get(&Actor::Archive).copied().unwrap_or_default();
+        let told = run.kept + run.lost;
+        if !(exposures.saturating_sub(forgotten)..=exposures).contains(&told) {
+            let (number, kept, lost) = (self.runs, run.kept, run.lost);
+            self.images_missing.push(format!("run {number}: of {exposures} exposures {kept} were kept and {lost} lost"));
         }
         let sum = &mut self.images;
         sum.kept += run.kept;
@@ -450,11 +556,11 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_wrong_solution_a_late_update_and_a_value_that_no_sensor_gave_are_found() {
         let account = begun();
-        let shows = |attitude| Truth { begun: Duration::from_secs(20), attitude };
+        let shows = |attitude| Truth { begun: Duration::from_secs(20), attitude, start: None, exposures: 1 };
         account.truth(1, shows(Some(Attitude::from_angles(1.0, 20.0 * DEG, 0.0))));
         account.truth(2, shows(None));
         // Left behind, and late.
-        account.truth(1, Truth { begun: Duration::from_secs(10), attitude: None });
+        account.truth(1, Truth { begun: Duration::from_secs(10), attitude: None, start: None, exposures: 1 });
         let update = |image: u32, dec_deg: f64| {
             let pointing = Equatorial {
                 ra_deg: 1.0 / DEG,

@@ -1,12 +1,14 @@
 //! A flight computer of a soak: an honest one that fails, lies and is tampered with when the schedule says so.
 
 use super::account::{Account, POISON_COUNTS, POISON_TIMEOUT_S};
+use super::gyros::{Telling, Turned};
 use super::schedule::{Class, Fault};
+use crate::camera::Gondola;
 use crate::command::{Act, Command, Slot};
 use crate::service::{Codec, LinkError, SimulatedUtc, utc_now};
 use crate::simulate::{FlightComputer, Given};
 use crate::sky::{ClockQuality, Observer, Utc};
-use crate::wire::{CommandReply, CommandSlot, Commands, EquatorialEstimate, List, Message, SLOTS, Update};
+use crate::wire::{CommandReply, CommandSlot, Commands, EquatorialEstimate, List, Message, Refuse, SLOTS, Update};
 use futures_util::{SinkExt, StreamExt};
 use rand::{Rng, RngCore, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -15,6 +17,7 @@ use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt};
+use tokio::sync::watch;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until, timeout};
 use tokio_util::codec::Framed;
 
@@ -26,7 +29,7 @@ impl<T: AsyncRead + AsyncWrite + Send + Unpin> Line for T {}
 pub type Connect = Arc<dyn Fn() -> Pin<Box<dyn Future<Output = Option<Box<dyn Line>>> + Send>> + Send + Sync>;
 
 /// Time between statuses, and between attempts to connect.
-const PERIOD: Duration = Duration::from_millis(500);
+pub const PERIOD: Duration = Duration::from_millis(500);
 /// The camera is silent, and is given up.
 const SILENCE: Duration = Duration::from_secs(5);
 /// Time that a slow computer takes for each message.
@@ -78,6 +81,11 @@ impl Handle {
         desk.undisturbed = until;
     }
 
+    /// A fault that strikes once, and disturbs no command.
+    pub fn begin_quietly(&self, fault: &Fault) {
+        self.desk().striking.push_back((fault.class, fault.seed));
+    }
+
     /// Something else disturbs the commands of this computer until then.
     pub fn disturb(&self, until: Instant) {
         let mut desk = self.desk();
@@ -116,15 +124,21 @@ impl Handle {
         self.desk().lasting.get(&Class::ComputerStalls).copied().filter(|until| Instant::now() < *until)
     }
 
-    fn is_undisturbed(&self) -> bool {
+    /// Whether nothing has stood in the way of a command for a while.
+    pub fn is_undisturbed(&self) -> bool {
         self.desk().undisturbed.elapsed() > EXCUSED_WITHIN
     }
 }
 
+/// A connection on which hellos are exchanged.
+pub type Wire = Framed<Box<dyn Line>, Codec>;
+
 /// Why a connection ended here.
-enum Over {
+pub enum Over {
     /// It broke, or is cut: again after a while.
     Again(Duration),
+    /// The camera said why it ends it.
+    Refused(Box<Refuse>),
     /// The computer dies.
     Dies,
 }
@@ -137,15 +151,20 @@ pub struct Computer {
     pub connect: Connect,
     /// `None`: the machine's.
     pub utc: Option<&'static SimulatedUtc>,
-    pub observer: Observer,
+    /// The gondola, when its flight began, and what its gyros saw of the last series.
+    pub gondola: Gondola,
+    pub flight_began: Instant,
+    pub gyros: watch::Receiver<Option<Turned>>,
     pub seed: u64,
 }
 
 /// What it holds from one start to the next.
-struct Life {
-    machine: FlightComputer,
-    began: Instant,
-    random: ChaCha8Rng,
+pub struct Life {
+    pub machine: FlightComputer,
+    pub began: Instant,
+    pub random: ChaCha8Rng,
+    /// What it knows of series.
+    pub telling: Telling,
     /// Blocks that it sent.
     sent: VecDeque<Commands>,
     /// Commands of the ground under way.
@@ -158,18 +177,24 @@ impl Computer {
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         loop {
             let mut machine = FlightComputer::new(self.place as u8 + 1, random.next_u32());
-            machine.observer = Some(self.observer);
-            let random = ChaCha8Rng::seed_from_u64(random.random());
-            let mut life = Life { machine, began: Instant::now(), random, sent: VecDeque::new(), under_way: Vec::new() };
+            machine.trigger = Some(random.next_u32());
+            let (random, began) = (ChaCha8Rng::seed_from_u64(random.random()), Instant::now());
+            let telling = Telling::default();
+            let mut life = Life { machine, began, random, telling, sent: VecDeque::new(), under_way: Vec::new() };
             loop {
                 let pause = match (self.connect)().await {
                     None => PERIOD,
                     Some(line) => match self.serve(line, &mut life).await {
                         Ok(never) => match never {},
+                        Err(Over::Refused(refuse)) => {
+                            self.note_end(&mut life, Some(&refuse));
+                            PERIOD
+                        }
                         Err(Over::Again(pause)) => pause,
                         Err(Over::Dies) => break,
                     },
                 };
+                self.note_end(&mut life, None);
                 self.handle.desk().well = None;
                 self.handle.disturb(Instant::now());
                 sleep(pause).await;
@@ -186,7 +211,7 @@ impl Computer {
     async fn serve(&self, line: Box<dyn Line>, life: &mut Life) -> Result<std::convert::Infallible, Over> {
         let mut link = Framed::new(line, Codec::default());
         let mut hello = life.machine.connect();
-        if self.struck(Class::WrongVersion).is_some() {
+        if self.struck(&[Class::WrongVersion]).is_some() {
             (hello.version_min, hello.version_current) = (9, 9);
         }
         self.send(&mut link, &Message::Hello(Box::new(hello))).await?;
@@ -200,6 +225,8 @@ impl Computer {
         ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
         let mut heard = Instant::now();
         let mut before = None;
+        let mut gyros = self.gyros.clone();
+        gyros.mark_unchanged();
         loop {
             if let Some(until) = self.handle.stalled_until() {
                 before = None;
@@ -216,6 +243,7 @@ impl Computer {
                             self.take(life, &update, before);
                             before = Some(heard);
                         }
+                        Message::Refuse(refuse) => return Err(Over::Refused(refuse)),
                         _ => return Err(Over::Again(PERIOD)),
                     }
                     if self.handle.lasts(Class::LinkSlow) {
@@ -223,10 +251,17 @@ impl Computer {
                         sleep(SLOW).await;
                     }
                 }
+                Ok(()) = gyros.changed() => {
+                    gyros.borrow_and_update().iter().for_each(|turned| Self::note_turn(life, turned));
+                    if !self.handle.lasts(Class::ComputerSilent) {
+                        self.tell_turn(&mut link, life).await?;
+                    }
+                }
                 _ = ticks.tick() => {
                     self.strike(&mut link, life).await?;
                     if !self.handle.lasts(Class::ComputerSilent) {
                         self.speak(&mut link, life).await?;
+                        self.tell_turn(&mut link, life).await?;
                         self.handle.desk().well = Some(Instant::now());
                     }
                 }
@@ -238,6 +273,7 @@ impl Computer {
     /// Takes an update, and the replies in it.
     fn take(&self, life: &mut Life, update: &Update, before: Option<Instant>) {
         self.account.update(self.place + 1, update, before);
+        self.note_images(life, update);
         let given = life.machine.given().to_vec();
         for reply in life.machine.on_update(update) {
             let is_last = reply.stage.get().is_some_and(crate::command::Stage::is_last);
@@ -256,7 +292,7 @@ impl Computer {
     }
 
     /// Its status and its block of commands, with what it lies.
-    async fn speak(&self, link: &mut Framed<Box<dyn Line>, Codec>, life: &mut Life) -> Result<(), Over> {
+    async fn speak(&self, link: &mut Wire, life: &mut Life) -> Result<(), Over> {
         let handle = &self.handle;
         let uptime = life.began.elapsed();
         let meant = handle.desk().in_charge;
@@ -267,7 +303,8 @@ impl Computer {
             () => meant,
         };
         life.machine.claims_charge = claims;
-        life.machine.observer = (!handle.lasts(Class::NoPointing)).then_some(self.observer);
+        let observer = self.gondola.observer(life.began.saturating_duration_since(self.flight_began));
+        life.machine.observer = (!handle.lasts(Class::NoPointing)).then_some(observer);
         life.machine.equatorial = None;
         if handle.lasts(Class::WrongPointing) {
             life.machine.observer = Some(Observer { latitude: 0.3, sidereal_time: 1.0 });
@@ -280,7 +317,7 @@ impl Computer {
             None => utc_now().0,
         };
         let mut status = life.machine.status(uptime, (utc, ClockQuality::FreeRunning));
-        if handle.lasts(Class::UptimeBackwards) || self.struck(Class::UptimeBackwards).is_some() {
+        if handle.lasts(Class::UptimeBackwards) || self.struck(&[Class::UptimeBackwards]).is_some() {
             status.uptime_s = life.random.random_range(0.0..uptime.as_secs_f64().max(0.1));
         }
         self.send(link, &Message::Status(Box::new(status))).await?;
@@ -293,7 +330,7 @@ impl Computer {
         }
         let (mut block, given_up) = life.machine.block(uptime);
         // Only where it is sure that it stands by: what the holder of a lease says is a command.
-        if !claims && !life.machine.holds_lease() && self.struck(Class::StandByCommands).is_some() {
+        if !claims && !life.machine.holds_lease() && self.struck(&[Class::StandByCommands]).is_some() {
             let command = poison(&mut life.random);
             let counter = life.machine.use_up_counter(command.code(), 1);
             let slot = CommandSlot::new(&Slot::new(&command, Act::Run, counter, 0.0));
@@ -311,7 +348,7 @@ impl Computer {
     }
 
     /// What strikes once.
-    async fn strike(&self, link: &mut Framed<Box<dyn Line>, Codec>, life: &mut Life) -> Result<(), Over> {
+    async fn strike(&self, link: &mut Wire, life: &mut Life) -> Result<(), Over> {
         let Some((class, seed)) = self.handle.desk().striking.pop_front() else { return Ok(()) };
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         match class {
@@ -343,7 +380,10 @@ impl Computer {
                     self.send(link, &Message::Status(Box::new(status))).await?;
                 }
             }
-            Class::StandByCommands | Class::UptimeBackwards => self.handle.desk().striking.push_back((class, seed)),
+            // They wait for their moment.
+            class if class == Class::StandByCommands || class == Class::UptimeBackwards || Class::GYRO.contains(&class) => {
+                self.handle.desk().striking.push_back((class, seed));
+            }
             _ => {
                 if let Some(block) = spoilt(class, life, &mut random) {
                     self.send(link, &Message::Commands(Box::new(block))).await?;
@@ -353,14 +393,15 @@ impl Computer {
         Ok(())
     }
 
-    /// Takes a fault that strikes once, where it waits at the front.
-    fn struck(&self, class: Class) -> Option<u64> {
+    /// Takes the first fault of some that strike once, and its seed.
+    pub fn struck(&self, classes: &[Class]) -> Option<(Class, u64)> {
         let mut desk = self.handle.desk();
-        let place = desk.striking.iter().position(|(waits, _)| *waits == class)?;
-        desk.striking.remove(place).map(|(_, seed)| seed)
+        let place = desk.striking.iter().position(|(waits, _)| classes.contains(waits))?;
+        desk.striking.remove(place)
     }
 
-    async fn send(&self, link: &mut Framed<Box<dyn Line>, Codec>, message: &Message) -> Result<(), Over> {
+    /// Sends a message.
+    pub async fn send(&self, link: &mut Wire, message: &Message) -> Result<(), Over> {
         let sent: Result<Result<(), LinkError>, _> = timeout(SILENCE, link.send(message)).await;
         sent.ok().and_then(Result::ok).ok_or(Over::Again(PERIOD))
     }

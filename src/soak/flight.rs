@@ -2,24 +2,22 @@
 
 use super::account::{Account, Book, POISON_COUNTS, SENSOR_C};
 use super::computer::{Computer, Connect, Handle, Line};
+use super::gyros::Turned;
 use super::images;
-use super::instrument::{Charger, Faults, camera, solver};
+use super::instrument::{Charger, Faults, Outside, camera, solver};
 use super::page;
 use super::report::Report;
 use super::resources::Held;
-use super::schedule::{Class, Fault, schedule};
+use super::schedule::{Class, schedule};
 use crate::camera::Gondola;
 use crate::command::{Act, Command, Tick};
-use crate::service::{
-    Actor, Door, Doors, Parts, Running, SimulatedLens, SimulatedUtc, Stars, StartError, State, Upset, start_with,
-};
+use crate::service::{Door, Doors, Parts, Running, SimulatedLens, SimulatedUtc, Stars, StartError, start_with};
 use crate::settings::{CameraKind, LensKind, SensorSource, Settings};
-use crate::simulate::lens::{FaultKind, Received};
+use crate::simulate::lens::Received;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rustix::time::{ClockId, clock_gettime};
 use std::collections::BTreeMap;
-use std::io::Write as _;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -27,7 +25,7 @@ use std::time::Duration;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::watch;
 use tokio::task::{JoinHandle, JoinSet};
-use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until, timeout_at};
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
 
 /// What is to be flown.
 #[derive(Debug, Clone)]
@@ -67,9 +65,8 @@ const RESERVE_BYTES: f64 = 8e6;
 const SMALL_JOURNAL_BYTES: f64 = 32e6;
 /// A disk of up to this size may be filled, bytes.
 const SMALL_DISK: u64 = 256 << 20;
-/// What fills it: name, and the bytes that are written at a time.
-const BALLAST: &str = "ballast";
-const BALLAST_STEP: usize = 64 << 10;
+/// The file that fills it.
+pub(super) const BALLAST: &str = "ballast";
 
 /// Whether a directory's disk is one that may be filled.
 fn is_small(directory: &Path) -> bool {
@@ -103,14 +100,13 @@ const FOCUS: (i32, i32) = (2985, 3015);
 /// So long without a solution, or without knowledge of the focus, the ground waits before it sees to the lens.
 const PATIENCE: Duration = Duration::from_secs(1800);
 /// The file that one sensor reads: the temperature of the lens.
-const SENSOR: &str = "sensor";
+pub(super) const SENSOR: &str = "sensor";
 /// Best focus, and where the lens is at the start, counts.
 const BEST_COUNTS: i32 = 3000;
 /// After a fault of the instrument its commands may take this long.
-const DISTURBED_AFTER: Duration = Duration::from_secs(60);
-/// A clock of 2026-12-20, and by how much it jumps at most, s: thirty years.
-const UNIX_S: f64 = 1_797_724_800.0;
-const JUMP_S: f64 = 30.0 * 365.25 * 86_400.0;
+pub(super) const DISTURBED_AFTER: Duration = Duration::from_secs(60);
+/// A clock of 2026-12-20.
+pub(super) const UNIX_S: f64 = 1_797_724_800.0;
 /// Time between frames, s: the flight's own, and one that is quicker where time is real.
 const PERIOD_S: f64 = 40.0;
 const REAL_PERIOD_S: f64 = 5.0;
@@ -125,19 +121,21 @@ const DISK_BACK: Duration = Duration::from_secs(15);
 const LINE_BYTES: usize = 64 * 1024;
 
 /// What the soak is made of.
-struct Soak {
-    plan: Plan,
+pub(super) struct Soak {
+    pub(super) plan: Plan,
     /// When the flight, and its UTC, began.
-    began: Instant,
-    settings: Arc<Settings>,
+    pub(super) began: Instant,
+    pub(super) settings: Arc<Settings>,
     stars: Stars,
-    lens: SimulatedLens,
-    faults: Faults,
+    pub(super) lens: SimulatedLens,
+    pub(super) faults: Faults,
     charger: Charger,
-    account: Account,
+    pub(super) account: Account,
     /// `None`: the machine's.
-    utc: Option<&'static SimulatedUtc>,
-    handles: [Handle; 2],
+    pub(super) utc: Option<&'static SimulatedUtc>,
+    pub(super) handles: [Handle; 2],
+    /// What the gondola's gyros saw of the last series.
+    gyros: watch::Sender<Option<Turned>>,
     /// How the service is entered, while it runs.
     door: Arc<Mutex<Option<Door>>>,
     /// Its page, while it runs.
@@ -165,6 +163,7 @@ pub async fn fly(plan: Plan, settings: &Settings, mut show: impl FnMut(&Progress
         began: Instant::now(),
         utc: (!plan.machine_clock).then(|| SimulatedUtc::begin(UNIX_S)),
         handles: [Handle::new(), Handle::new()],
+        gyros: watch::Sender::new(None),
         door: Arc::default(),
         page: page::Door::default(),
         settings,
@@ -262,8 +261,16 @@ impl Soak {
         }
         let settings = Arc::new(settings);
         let parts = Parts::with_stars(&settings, &self.stars)?;
+        let outside = Outside {
+            flown: self.began.elapsed(),
+            lens: self.lens.clone(),
+            gyros: self.gyros.clone(),
+            faults: self.faults.clone(),
+            charger: self.charger.clone(),
+            account: self.account.clone(),
+        };
         let parts = Parts {
-            camera: Some(camera(&self.settings, &self.stars, Some(&self.lens), &self.faults, &self.account)),
+            camera: Some(camera(&self.settings, &self.stars, outside)),
             solver: solver(parts.solver, &self.faults, &self.charger),
             lens: Some(self.lens.clone()),
         };
@@ -332,14 +339,16 @@ impl Soak {
             account: self.account.clone(),
             connect: self.connect(place),
             utc: self.utc,
-            observer: gondola.observer(Duration::ZERO),
+            gondola,
+            flight_began: self.began,
+            gyros: self.gyros.subscribe(),
             seed: self.plan.seed.wrapping_mul(2).wrapping_add(place as u64),
         };
         self.handles.iter().enumerate().map(computer).collect()
     }
 
     /// How a computer connects: over TCP where time is real, otherwise over a line within the process.
-    fn connect(&self, place: usize) -> Connect {
+    pub(super) fn connect(&self, place: usize) -> Connect {
         let (door, real) = (Arc::clone(&self.door), self.plan.real);
         Arc::new(move || {
             let door = door.lock().unwrap_or_else(PoisonError::into_inner).clone();
@@ -356,96 +365,6 @@ impl Soak {
                 Some(Box::new(near) as Box<dyn Line>)
             })
         })
-    }
-
-    /// The solver takes long over each step.
-    fn crawl(&self, until: Instant, running: &Running, tasks: &mut JoinSet<()>) {
-        self.faults.begin(Class::SolverCrawls, until);
-        tasks.spawn(give_up(running.state.clone(), self.handles.clone(), self.account.clone(), until));
-    }
-
-    /// Begins a fault.
-    fn begin(&self, fault: &Fault, running: &Running, tasks: &mut JoinSet<()>) {
-        let until = Instant::now() + fault.lasts;
-        let of_lens = |kind| {
-            self.lens.inject(kind, fault.lasts);
-            self.handles.iter().for_each(|handle| handle.disturb(until + DISTURBED_AFTER));
-        };
-        let upset = |actor| {
-            // By turns: the seed is as good as a draw.
-            running.upset(
-                actor,
-                match fault.seed % 3 {
-                    0 => Upset::Panics,
-                    1 => Upset::Ends,
-                    _ => Upset::Hangs,
-                },
-            );
-            self.handles.iter().for_each(|handle| handle.disturb(until + DISTURBED_AFTER));
-        };
-        match fault.class {
-            Class::LensLate => of_lens(FaultKind::Late),
-            Class::LensGarbled => of_lens(FaultKind::Garbled),
-            Class::LensError => of_lens(FaultKind::Error),
-            Class::LensStalls => of_lens(FaultKind::Stall),
-            Class::LensSilent => of_lens(FaultKind::Silent),
-            Class::LensPowerCycle => of_lens(FaultKind::PowerCycle),
-            Class::LensStuck => of_lens(FaultKind::StuckMotor),
-            Class::LensSlips => of_lens(FaultKind::Slip),
-            Class::LensCountsLost => of_lens(FaultKind::CountsLost),
-            Class::LensCountsLostMoving => of_lens(FaultKind::CountsLostMoving),
-            Class::LensVanishes => of_lens(FaultKind::Vanished),
-            Class::CameraGone
-            | Class::ImageUnreadable
-            | Class::CameraPanics
-            | Class::FalseSky
-            | Class::SolverPanics
-            | Class::SolverHangs
-            | Class::SolverSlow => self.faults.begin(fault.class, until),
-            Class::SolverCrawls => self.crawl(until, running, tasks),
-            Class::RecordDiskDead => {
-                self.account.disk_dies();
-                drop(tasks.spawn(spoil(PathBuf::from(&self.settings.record.directory), until)));
-            }
-            Class::LedgerDiskDead => {
-                self.handles.iter().for_each(|handle| handle.disturb(until + DISTURBED_AFTER));
-                drop(tasks.spawn(spoil(PathBuf::from(&self.settings.commands.ledger_directory), until)));
-            }
-            Class::DiskFull => {
-                self.account.disk_dies();
-                self.handles.iter().for_each(|handle| handle.disturb(until + DISTURBED_AFTER));
-                drop(tasks.spawn(fill(self.plan.directory.join(BALLAST), until)));
-            }
-            Class::SensorDead => drop(tasks.spawn(mislead(self.plan.directory.join(SENSOR), fault.seed, until))),
-            Class::UtcJumps => {
-                self.utc.into_iter().for_each(|utc| drop(tasks.spawn(jump(utc, fault.seed, until, self.began))));
-            }
-            Class::CameraActor => upset(Actor::Camera),
-            Class::SolverActor => upset(Actor::Solver),
-            Class::LensActor => upset(Actor::Lens),
-            Class::HousekeepingActor => upset(Actor::Housekeeping),
-            Class::ListenerActor => upset(Actor::Listener),
-            Class::RecorderActor => upset(Actor::Recorder),
-            Class::ArchiveActor => upset(Actor::Archive),
-            Class::DisplayActor => upset(Actor::Display),
-            Class::LedgerActor => upset(Actor::Ledger),
-            Class::HubActor => upset(Actor::Hub),
-            Class::Strangers => drop(tasks.spawn(strangers(self.connect(9), self.settings.network.max_connections, until))),
-            Class::BothClaim | Class::NeitherClaims | Class::ClaimFlickers => {
-                for handle in &self.handles {
-                    handle.begin(fault, until);
-                    handle.disturb(until);
-                }
-            }
-            _ => {
-                self.handles.iter().for_each(|handle| handle.disturb(until));
-                let stands_by = self.handles.iter().find(|handle| !handle.is_in_charge());
-                let of = if fault.class == Class::StandByCommands { stands_by } else { self.handles.get(fault.computer) };
-                if let Some(handle) = of {
-                    handle.begin(fault, until);
-                }
-            }
-        }
     }
 }
 
@@ -496,86 +415,9 @@ async fn ground(handles: [Handle; 2], account: Account, seed: u64) {
     }
 }
 
-/// The ground gives up every second frame that is being solved; the others grow too old.
-async fn give_up(mut state: watch::Receiver<Arc<State>>, handles: [Handle; 2], account: Account, until: Instant) {
-    let frames = async {
-        let mut patient = true;
-        while state.wait_for(|state| state.solving.is_some()).await.is_ok() {
-            if let Some(handle) = handles.iter().find(|handle| handle.is_in_charge()).filter(|_| !patient) {
-                let command = Command::AbortSolver {};
-                account.give(&command);
-                handle.give(Act::Run, command);
-            }
-            patient = !patient;
-            if state.wait_for(|state| state.solving.is_none()).await.is_err() {
-                break;
-            }
-        }
-    };
-    let _ = timeout_at(until, frames).await;
-}
-
-/// A directory that no file can be written in: another stands in its place.
-async fn spoil(directory: PathBuf, until: Instant) {
-    let aside = directory.with_extension("aside");
-    let put = |from: &Path, to: &Path| std::fs::rename(from, to).is_ok();
-    if !put(&directory, &aside) {
-        return;
-    }
-    let _ = std::fs::write(&directory, "no directory");
-    sleep_until(until).await;
-    let _ = std::fs::remove_file(&directory);
-    put(&aside, &directory);
-}
-
-/// A file takes all of the disk that is free.
-async fn fill(ballast: PathBuf, until: Instant) {
-    let path = ballast.clone();
-    let filled = tokio::task::spawn_blocking(move || {
-        // It ends where the disk does.
-        let mut file = std::fs::File::create(path)?;
-        loop {
-            file.write_all(&[0; BALLAST_STEP])?;
-        }
-    });
-    let _: Result<std::io::Result<()>, _> = filled.await;
-    sleep_until(until).await;
-    let _ = std::fs::remove_file(ballast);
-}
-
-/// A sensor's file goes, holds no number, or nothing at all, and comes back.
-async fn mislead(sensor: PathBuf, seed: u64, until: Instant) {
-    // The disk may be full: then the sensor shows nothing, which is as good.
-    let _ = match seed % 3 {
-        0 => std::fs::remove_file(&sensor),
-        1 => std::fs::write(&sensor, "nan"),
-        _ => std::fs::write(&sensor, ""),
-    };
-    sleep_until(until).await;
-    show_sensor(&sensor).await;
-}
-
 /// The sensor's file holds its value, once its disk takes it.
-async fn show_sensor(sensor: &Path) {
+pub(super) async fn show_sensor(sensor: &Path) {
     while std::fs::write(sensor, SENSOR_C.to_string()).is_err() {
         sleep(Duration::from_secs(1)).await;
     }
-}
-
-/// UTC jumps, or is lost, and comes back.
-async fn jump(utc: &'static SimulatedUtc, seed: u64, until: Instant, began: Instant) {
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
-    utc.set(if random.random_range(0..4) == 0 { None } else { Some(UNIX_S + random.random_range(-JUMP_S..JUMP_S)) });
-    sleep_until(until).await;
-    // Not what it was before, which another jump may have made.
-    utc.set(Some(UNIX_S + began.elapsed().as_secs_f64()));
-}
-
-/// Strangers that take every place, and say nothing.
-async fn strangers(connect: Connect, count: u32, until: Instant) {
-    let mut lines = Vec::new();
-    for _ in 0..count {
-        lines.extend(connect().await);
-    }
-    sleep_until(until).await;
 }

@@ -1,17 +1,18 @@
 //! Camera, sky and solver as they are in a soak: the simulated ones, which fail when the schedule says so.
 
 use super::account::{Account, Truth};
+use super::gyros::Turned;
 use super::schedule::Class;
 use crate::camera::{CameraError, Moment, SimulatedSky, Source};
 use crate::image::{Frame, ImageCounter, Series};
 use crate::service::{MakeSolver, MakeSource, SimulatedLens, Solve, Stars, simulated_sky};
 use crate::settings::Settings;
-use crate::solve::{Outcome, Part, Prior, Report, Stop, Watch};
+use crate::solve::{Moved, Outcome, Part, Prior, Report, Stop, Watch};
 use rustix::time::{ClockId, clock_gettime};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
 
 /// Kind of the frames of a false sky: artefacts, and no star.
@@ -23,6 +24,10 @@ const SLOW_BY: Duration = Duration::from_millis(1500);
 /// A solver that crawls takes this part of its time over each of its steps, of which it has some dozens, and no longer than it may be late.
 const CRAWLS_PART: u32 = 12;
 const CRAWLS_BY: Duration = Duration::from_millis(900);
+/// One image in so many is a series, the one of this number.
+const SERIES: (u32, u32) = (8, 3);
+/// Time until its last exposure is read out: rates come before it, as a rule.
+const READ_OUT: Duration = Duration::from_millis(190);
 /// Longest step of the clock: what waits is late by no more.
 const STEP: Duration = Duration::from_millis(10);
 
@@ -107,49 +112,78 @@ fn thread_time() -> Duration {
     Duration::new(time.tv_sec.unsigned_abs(), u32::try_from(time.tv_nsec).unwrap_or_default())
 }
 
-/// The camera: what it shows goes into the account.
-pub fn camera(
-    settings: &Arc<Settings>,
-    stars: &Stars,
-    lens: Option<&SimulatedLens>,
-    faults: &Faults,
-    account: &Account,
-) -> MakeSource {
-    struct Camera {
-        sky: SimulatedSky,
-        false_sky: SimulatedSky,
-        faults: Faults,
-        account: Account,
-    }
-    impl Source for Camera {
-        fn next(&mut self, moment: &Moment) -> Result<Series, CameraError> {
-            let ImageCounter(image) = moment.image;
-            if self.faults.lasts(Class::CameraGone) {
-                return Err(CameraError::Unavailable("soak: it is gone".to_owned()));
-            }
-            if self.faults.strikes(Class::ImageUnreadable) {
-                self.account.unreadable(image);
-                return Err(CameraError::Unreadable { origin: format!("soak-{image}"), problem: "it is torn".to_owned() });
-            }
-            if self.faults.strikes(Class::CameraPanics) {
-                self.account.unreadable(image);
-                break_off("soak: the driver breaks");
-            }
-            let sky = if self.faults.lasts(Class::FalseSky) { &mut self.false_sky } else { &mut self.sky };
-            let series = sky.next(moment)?;
-            let attitude = sky.truth().and_then(|truth| truth.attitude);
-            self.account.truth(image, Truth { begun: moment.uptime, attitude });
-            Ok(series)
+/// What the camera looks at, and what it tells.
+pub struct Outside {
+    /// How long the gondola has flown when a run of the service begins.
+    pub flown: Duration,
+    /// The lens before it.
+    pub lens: SimulatedLens,
+    /// What the gondola's gyros saw of the last series.
+    pub gyros: watch::Sender<Option<Turned>>,
+    /// What goes wrong with it.
+    pub faults: Faults,
+    /// Lets the time pass that a series takes.
+    pub charger: Charger,
+    /// What it shows.
+    pub account: Account,
+}
+
+/// The camera.
+struct Camera {
+    sky: SimulatedSky,
+    false_sky: SimulatedSky,
+    outside: Arc<Outside>,
+}
+
+impl Source for Camera {
+    fn next(&mut self, moment: &Moment) -> Result<Series, CameraError> {
+        let ImageCounter(image) = moment.image;
+        let Outside { faults, account, .. } = &*self.outside;
+        if faults.lasts(Class::CameraGone) {
+            return Err(CameraError::Unavailable("soak: it is gone".to_owned()));
         }
+        if faults.strikes(Class::ImageUnreadable) {
+            account.unreadable(image);
+            return Err(CameraError::Unreadable { origin: format!("soak-{image}"), problem: "it is torn".to_owned() });
+        }
+        if faults.strikes(Class::CameraPanics) {
+            account.unreadable(image);
+            break_off("soak: the driver breaks");
+        }
+        let sky = if faults.lasts(Class::FalseSky) { &mut self.false_sky } else { &mut self.sky };
+        let begun = Instant::now();
+        let (series, motion) = match exposures_of(image) {
+            1 => (sky.next(moment)?, None),
+            count => sky.series(moment, count).map(|(series, motion)| (series, Some(motion)))?,
+        };
+        let attitude = sky.truth().and_then(|truth| truth.attitude);
+        let year = moment.utc.map(|utc| utc.julian_year());
+        let start = attitude.and_then(|_| sky.gondola().attitude(moment.uptime, year));
+        let exposures = series.exposures().len() as u8;
+        account.truth(image, Truth { begun: moment.uptime, attitude, start, exposures });
+        if let Some(motion) = motion {
+            self.outside.charger.spend(Duration::from_secs_f64(motion.length_s()));
+            self.outside.gyros.send_replace(Some(Turned { begun, motion }));
+            self.outside.charger.spend(READ_OUT);
+        }
+        Ok(series)
     }
-    let (settings, stars, lens, faults, account) =
-        (Arc::clone(settings), stars.clone(), lens.cloned(), faults.clone(), account.clone());
+}
+
+/// How many exposures an image has: few are series, which take several times as long to make and to solve.
+fn exposures_of(image: u32) -> u8 {
+    if image % SERIES.0 == SERIES.1 { 2 + (image / SERIES.0 % 3) as u8 } else { 1 }
+}
+
+/// Makes the camera.
+pub fn camera(settings: &Arc<Settings>, stars: &Stars, outside: Outside) -> MakeSource {
+    let (settings, stars, outside) = (Arc::clone(settings), stars.clone(), Arc::new(outside));
     Arc::new(move || {
-        let sky = simulated_sky(&settings, &stars, lens.as_ref())?;
+        let sky = simulated_sky(&settings, &stars, Some(&outside.lens))?.after(outside.flown);
         let mut other = Settings::clone(&settings);
         FALSE_SKY.clone_into(&mut other.simulate.kind);
-        let false_sky = simulated_sky(&other, &stars, None)?;
-        Ok(Box::new(Camera { sky, false_sky, faults: faults.clone(), account: account.clone() }) as Box<dyn Source>)
+        let false_sky = simulated_sky(&other, &stars, None)?.after(outside.flown);
+        Ok(Box::new(Camera { sky, false_sky, outside: Arc::clone(&outside) }) as Box<dyn Source>)
     })
 }
 
@@ -185,8 +219,9 @@ pub fn solver(inner: MakeSolver, faults: &Faults, charger: &Charger) -> MakeSolv
         charger: Charger,
         timeout: Duration,
     }
-    impl Solve for Charged {
-        fn solve(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome {
+    impl Charged {
+        /// Solves, with the faults that strike, and has the time charged.
+        fn charged(&mut self, watch: &dyn Watch, solve: impl FnOnce(&mut dyn Solve, &dyn Watch) -> Outcome) -> Outcome {
             if self.faults.strikes(Class::SolverPanics) {
                 break_off("soak: the solver breaks");
             }
@@ -199,9 +234,18 @@ pub fn solver(inner: MakeSolver, faults: &Faults, charger: &Charger) -> MakeSolv
             let before = thread_time();
             let crawl = Crawl { watch, charger: &self.charger, step: (self.timeout / CRAWLS_PART).min(CRAWLS_BY) };
             let watch = if self.faults.lasts(Class::SolverCrawls) { &crawl } else { watch };
-            let outcome = self.inner.solve(frame, prior, watch);
+            let outcome = solve(&mut *self.inner, watch);
             self.charger.worked(thread_time().saturating_sub(before));
             outcome
+        }
+    }
+    impl Solve for Charged {
+        fn solve(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome {
+            self.charged(watch, |inner, watch| inner.solve(frame, prior, watch))
+        }
+
+        fn solve_moved(&mut self, frame: &Frame, moved: &Moved, prior: &Prior, watch: &dyn Watch) -> Outcome {
+            self.charged(watch, |inner, watch| inner.solve_moved(frame, moved, prior, watch))
         }
 
         fn report(&self, outcome: &Outcome) -> Report {

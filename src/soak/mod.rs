@@ -7,7 +7,9 @@
 
 mod account;
 mod computer;
+mod faults;
 mod flight;
+mod gyros;
 mod images;
 mod instrument;
 mod page;

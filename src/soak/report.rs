@@ -1,6 +1,6 @@
 //! The report of a flight: what was wanted, what was got, and the seed that flies it again.
 
-use super::account::{Book, EndedRun, GAPS_MS};
+use super::account::{Book, EndedRun, GAPS_MS, Rates};
 use super::flight::Plan;
 use super::images;
 use super::resources::{Held, judge};
@@ -13,6 +13,8 @@ use std::time::Duration;
 
 /// Faults of the lens and of the sky may cost solutions for so long, and no longer: a proof that solves nothing proves little.
 const LONGEST_UNSOLVED: Duration = Duration::from_secs(6 * 3600);
+/// Of so many series with sound rates one at least is solved along them: the first of a run is not, since nobody waits for them yet.
+const SERIES_ENOUGH: u32 = 10;
 /// Examples that are printed of what went wrong.
 const EXAMPLES: usize = 5;
 
@@ -78,12 +80,17 @@ impl Report {
         let [never, once, more] = book.times_run();
         self.line(&format!("of those whose doing shows {once} were done once, {never} never, {more} more often"));
         self.line(&format!("an open page got {} states and {} frames, whole", book.page_states, book.page_frames));
+        self.line(&format!(
+            "{} series of several exposures, {} solved along the motion that gyros told; blocks of rates sent {:?}, refused {}",
+            book.series, book.along, book.rates, book.rates_refused
+        ));
         self.line(&format!("restarts of actors: {:?}", book.restarts));
     }
 
     /// What must not be.
     fn judge_counts(&mut self, plan: &Plan, book: &Book) {
         self.want("no wrong solution", &book.wrong);
+        self.want("rates refused that must be, and none used but of the computer in charge for its image", &book.rates_misused);
         self.want("no update late by over 0.1 s on a link that stood", &book.late);
         self.want("nothing done that nobody commanded", &book.spurious);
         self.want("no value shown that the sensor did not give", &book.misread);
@@ -108,13 +115,18 @@ impl Report {
              {files} files of {:.2} GB at the end",
             bytes as f64 / 1e9
         ));
-        self.want("every image kept while its disk took any, the newest of each run there", &book.images_missing);
+        self.want(
+            "every exposure kept while its disk took any, or told as lost, the newest of each run there",
+            &book.images_missing,
+        );
         self.want("every image on disk whole, under its checksum", &broken);
+        let sound = book.rates.get(&Rates::Sound).copied().unwrap_or_default();
         let some = |what: &str, count: u64| (count == 0).then(|| format!("no {what}"));
         let nothing: Vec<String> = [
             some("frame", book.frames.into()),
             some("solution", book.solved.into()),
             some("update", book.updates),
+            some("series solved along its motion", if sound < SERIES_ENOUGH { 1 } else { book.along.into() }),
             some("value of the sensor", book.sensor_shown),
             some("state on the page", book.page_states),
             some("frame on the page", book.page_frames),
