@@ -87,6 +87,9 @@ def main():
     for n, text in enumerate([b"lens.set_focus 3030", b"arm focus.run", b"solver.configure 1 20.5", b"file:/sys/a *0.001 +2",
                               b"2012-12-30--08-27-56--625_p1.fits", b"11d", b"command:/bin/echo 7", b"0123456789abcdef" * 4]):
         put("texts", f"text{n}", text)
+    # The entries of a journal are in seeds, but those of the legacy dialect: a computer that connects, and its block of 34 commands.
+    connects = bytes([1, 0, 5, 1])
+    put("replay", "legacy", connects + bytes([2, 0, 6, 1, 34]) + (bytes([3, 2]) + struct.pack("<8d", *[1.0] * 8)) * 34 + bytes([0]))
     put("legacy", "counter", bytes([30, 0, 0]) + bytes(61) * 3)
     for source in (PROJECT / "config").glob("*.toml"):
         put("settings", source.name, source.name[:1].encode() + source.read_bytes())

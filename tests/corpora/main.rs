@@ -26,6 +26,8 @@ mod kept;
 mod legacy;
 #[path = "../../fuzz/checks/lens_reply.rs"]
 mod lens_reply;
+#[path = "../../fuzz/checks/replay.rs"]
+mod replay;
 #[path = "../../fuzz/checks/settings.rs"]
 mod settings;
 #[path = "../../fuzz/checks/solve.rs"]
@@ -68,5 +70,5 @@ macro_rules! corpora {
 mod every_kept_input_holds {
     use super::*;
 
-    corpora!(bad_pixels body catalogue image index journal kept legacy lens_reply settings solve texts view wire);
+    corpora!(bad_pixels body catalogue image index journal kept legacy lens_reply replay settings solve texts view wire);
 }
