@@ -179,7 +179,7 @@ fn a_camera_without_a_driver_starts_nothing_and_the_self_test_says_so() {
 
 #[test]
 fn the_demonstration_shows_solutions_beside_the_truth_and_ends_well() {
-    let shown = run(&["demo", "--images", "4", "--duration", "100s", "--set", "camera.period_s=1"]);
+    let shown = run(&["demo", "--images", "4", "--duration", "100s"]);
     let lines = text(&shown.stdout);
     assert_eq!(shown.status.code(), Some(0), "{lines}{}", text(&shown.stderr));
     assert!(lines.contains("the page: http://127.0.0.1:"), "{lines}");
