@@ -170,7 +170,7 @@ async fn show(
             Seen::Connected(_) => vec![format!("flight computer {id} connected")],
             Seen::Closed { reason, .. } => vec![format!("flight computer {id}: closed: {reason}")],
             Seen::Unreachable(reason) => vec![format!("flight computer {id}: no connection: {reason}")],
-            Seen::Reply(_) | Seen::Unanswered(_) | Seen::AllAnswered => Vec::new(),
+            Seen::Reply(_) | Seen::Overheard(_) | Seen::Unanswered(_) | Seen::AllAnswered => Vec::new(),
         };
         lines.iter().try_for_each(|line| print(line))?;
     }

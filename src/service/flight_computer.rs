@@ -27,8 +27,10 @@ pub enum Seen {
     Connected(Box<Hello>),
     /// An update.
     Update(Box<Update>),
-    /// A stage that a command reached, this computer's own or another's.
+    /// A stage that a command which it gave reached.
     Reply(Box<CommandReply>),
+    /// A stage that another's command reached, or one that a computer of its number gave before this one's start.
+    Overheard(Box<CommandReply>),
     /// A command that was never answered.
     Unanswered(Given),
     /// Every command that was given has had its last word.
@@ -208,11 +210,13 @@ impl<'a, S: AsyncRead + AsyncWrite> Link<'a, S> {
                     heard = Instant::now();
                     match received(next)? {
                         Message::Update(update) => {
-                            let before = computer.unanswered();
+                            let (before, given) = (computer.unanswered(), computer.given().to_vec());
                             let replies = computer.on_update(&update);
                             self.report(Seen::Update(update)).await?;
                             for reply in replies {
-                                self.report(Seen::Reply(Box::new(reply))).await?;
+                                let ours = reply.flight_computer == computer.id && given.iter().any(|given| given.is_answered_by(&reply));
+                                let reply = Box::new(reply);
+                                self.report(if ours { Seen::Reply(reply) } else { Seen::Overheard(reply) }).await?;
                             }
                             self.all_answered(before, computer).await?;
                         }

@@ -46,14 +46,10 @@ pub struct Log {
     connected: bool,
     last_update: Option<Instant>,
     longest: Duration,
-    /// Commands are given.
-    commanding: bool,
     /// End when every command has had its last reply.
     until_answered: bool,
     /// Commands of this computer that were rejected, failed or never answered.
     pub refused: u32,
-    /// Which computer this is.
-    id: u8,
 }
 
 impl Log {
@@ -67,16 +63,14 @@ impl Log {
             connected: false,
             last_update: None,
             longest: Duration::ZERO,
-            commanding: false,
             until_answered: false,
             refused: 0,
-            id: 0,
         }
     }
 
-    /// A log of the computer `id`, which relays commands if `commanding`, and ends when all are answered if `until_answered`.
-    pub fn of(self, id: u8, commanding: bool, until_answered: bool) -> Self {
-        Self { id, commanding, until_answered, ..self }
+    /// A log that ends when all commands are answered, if `until_answered`.
+    pub fn ending(self, until_answered: bool) -> Self {
+        Self { until_answered, ..self }
     }
 
     /// Prints what is seen until it is enough.
@@ -110,9 +104,10 @@ impl Log {
                     return Ok(Some(End::Enough));
                 }
             }
-            Seen::Reply(reply) => {
+            Seen::Reply(reply) | Seen::Overheard(reply) => {
+                let ours = matches!(sighting.seen, Seen::Reply(_));
                 let last_and_bad = matches!(reply.stage.get(), Some(Stage::Rejected | Stage::Failed));
-                self.refused += u32::from(self.commanding && last_and_bad && reply.flight_computer == self.id);
+                self.refused += u32::from(last_and_bad && ours);
                 self.line(sighting.at, "command", reply_fields(reply)?, || reply_line(reply))?;
             }
             Seen::Unanswered(given) => {

@@ -163,7 +163,7 @@ impl Args {
                 read_stdin(to_ground).await;
             }
         });
-        let mut log = Log::new(self.json, self.updates).of(self.id, commanding, until_answered);
+        let mut log = Log::new(self.json, self.updates).ending(until_answered);
         let end = tokio::select! {
             end = log.read(&mut sightings) => end?,
             () = interrupted() => End::Signal,
