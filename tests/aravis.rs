@@ -10,6 +10,7 @@ use stars::settings::{CameraSettings, PixelFormat, Settings, Trigger};
 use stars::sky::{ClockQuality, Utc};
 use std::fs::File;
 use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::Instant;
 
@@ -92,7 +93,7 @@ fn moment() -> Moment {
 }
 
 fn next(camera: &mut AravisCamera) -> Frame {
-    camera.next(&moment()).unwrap().into_exposures().remove(0)
+    Arc::unwrap_or_clone(camera.next(&moment()).unwrap().into_exposures().remove(0))
 }
 
 /// The camera's own number of a frame; where that was in a lost packet, by its place after the last.

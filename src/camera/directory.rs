@@ -185,7 +185,7 @@ mod tests {
             sigma_s: None,
             ask: Ask::Expose,
         })?;
-        Ok(series.sum().unwrap_or_else(|| series.exposures()[0].clone()))
+        Ok(series.sum().unwrap_or_else(|| Frame::clone(&series.exposures()[0])))
     }
 
     /// Names of the next frames until there is nothing new.

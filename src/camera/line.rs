@@ -15,24 +15,35 @@ pub struct LinePulses {
 /// Tells of the pulses by now; `None` where nobody does.
 pub type TellPulses = Box<dyn FnMut() -> Option<LinePulses> + Send>;
 
-/// A source behind a simulated line. Pulses that come between two looks are one series, and make one image.
+/// Pulses that wait for their exposure at most, as many as a real camera's frames do.
+const WAITING: u32 = 16;
+
+/// A source behind a simulated line: an exposure for each pulse.
 pub struct SimulatedLine {
     inner: Box<dyn Source>,
     pulses: TellPulses,
     seen: Option<LinePulses>,
+    /// Pulses that have had no exposure yet.
+    waiting: u32,
 }
 
 impl SimulatedLine {
     /// Puts a source behind a line. What was sent before counts for nothing.
     pub fn new(inner: Box<dyn Source>, mut pulses: TellPulses) -> Self {
         let seen = pulses();
-        Self { inner, pulses, seen }
+        Self { inner, pulses, seen, waiting: 0 }
     }
 
-    /// Whether pulses came since the last look.
+    /// Whether a pulse waits for its exposure, which it has by that.
     fn pulsed(&mut self) -> bool {
-        let Some(now) = (self.pulses)() else { return false };
-        self.seen.replace(now).is_some_and(|before| before.boot == now.boot && before.count != now.count)
+        if let Some(now) = (self.pulses)() {
+            let same = self.seen.replace(now).filter(|before| before.boot == now.boot);
+            let new = same.map_or(0, |before| now.count.wrapping_sub(before.count));
+            self.waiting = self.waiting.saturating_add(new).min(WAITING);
+        }
+        let pulsed = self.waiting > 0;
+        self.waiting = self.waiting.saturating_sub(1);
+        pulsed
     }
 }
 
@@ -86,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn each_pulse_makes_one_image_and_without_one_it_exposes_only_by_itself() {
+    fn each_pulse_makes_one_exposure_and_without_one_it_exposes_only_by_itself() {
         let sent = Arc::new(Mutex::new(None));
         let told = Arc::clone(&sent);
         let mut camera = SimulatedLine::new(Box::new(Plain), Box::new(move || *told.lock().unwrap()));
@@ -109,9 +120,16 @@ mod tests {
         assert_eq!(next(Some((1, 71)), wait), Ok(Some(ExposedBy::Trigger)));
         assert_eq!(next(Some((1, 71)), wait), nothing);
         assert_eq!(next(Some((2, 3)), wait), nothing, "the sender began anew");
-        assert_eq!(next(Some((2, 7)), wait), Ok(Some(ExposedBy::Trigger)), "a series is one image");
+        for _ in 4..=7 {
+            assert_eq!(next(Some((2, 7)), wait), Ok(Some(ExposedBy::Trigger)));
+        }
+        assert_eq!(next(Some((2, 7)), wait), nothing);
         assert_eq!(next(Some((2, 7)), Ask::Expose), Ok(Some(ExposedBy::Itself)));
         assert_eq!(next(Some((2, 8)), Ask::Expose), Ok(Some(ExposedBy::Trigger)), "its trigger came first");
         assert_eq!(next(None, Ask::Expose), Ok(Some(ExposedBy::Itself)));
+        for _ in 0..WAITING {
+            assert_eq!(next(Some((2, 5000)), wait), Ok(Some(ExposedBy::Trigger)));
+        }
+        assert_eq!(next(Some((2, 5000)), wait), nothing, "the others are too old");
     }
 }

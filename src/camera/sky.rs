@@ -3,7 +3,7 @@
 use super::gondola::{Gondola, exposures_of_a_series};
 use super::{CameraError, Moment, Source};
 use crate::catalog::Catalogue;
-use crate::image::{Frame, Series};
+use crate::image::{Frame, ImageCounter, Series};
 use crate::settings::Settings;
 use crate::simulate::sky::{Exposure, Kind, Part, RenderSpec, Truth, UnknownKind, render_with};
 use crate::sky::{ARCSEC, Attitude, RowOrder, Vec3};
@@ -27,6 +27,10 @@ pub struct SimulatedSky {
     /// Gain, dB, and the time of one exposure, s.
     gain_db: f64,
     exposure_s: f64,
+    /// It is asked for the exposures of a series one by one.
+    one_by_one: bool,
+    /// The last of them: its image, and its place there.
+    last: Option<(ImageCounter, u8)>,
 }
 
 /// Where a simulated lens truly is, counts, and what follows for the stars.
@@ -64,6 +68,8 @@ impl SimulatedSky {
             lens: None,
             gain_db: settings.camera.gain_db,
             exposure_s: settings.camera.exposure_s,
+            one_by_one: settings.camera.series_exposures > 1,
+            last: None,
         })
     }
 
@@ -94,26 +100,38 @@ impl SimulatedSky {
     /// # Errors
     /// As [`Source::next`].
     pub fn series(&mut self, moment: &Moment, count: u8) -> Result<(Series, Motion), CameraError> {
-        let year = moment.utc.map(|utc| utc.julian_year());
         let exposures = exposures_of_a_series(count, self.exposure_s);
-        let seen = |since_s: f64| self.gondola.attitude(moment.uptime + Duration::from_secs_f64(since_s), year);
-        let steps = (self.exposure_s / STEP_S).ceil().max(1.0) as u32;
-        let moments =
-            |start: f64, length: f64| (0..steps).map(move |step| start + length * (f64::from(step) + 0.5) / f64::from(steps));
-        let along = |(start, length): (f64, f64)| moments(start, length).filter_map(seen).collect::<Vec<_>>();
-        let trails: Vec<Vec<Attitude>> = exposures.iter().copied().map(along).collect();
-        let unknown = || CameraError::Unavailable("the gondola looks nowhere".to_owned());
-        let first = *trails.first().and_then(|trail| trail.first()).ok_or_else(unknown)?;
-        let all = || trails.iter().flatten();
-        let middle = first.turned(&(all().map(|other| first.turn_to(other)).sum::<Vec3>() / all().count() as f64));
+        let trails: Vec<Vec<Attitude>> = exposures.iter().map(|(start, _)| self.trail(moment, *start)).collect();
+        let middle = middle(&trails)?;
         let mut frames = Vec::with_capacity(trails.len());
-        for ((place, trail), (start, length)) in (0..).zip(&trails).zip(&exposures) {
-            let turns = trail.iter().map(|attitude| middle.turn_to(attitude)).collect();
-            let part = Part { place, turns, starlight: 1.0, most_flux_adu: f64::INFINITY };
-            frames.push(self.expose(moment, Some(middle), Some(part), start + 0.5 * length)?);
+        for ((place, trail), (start, _)) in (0..).zip(&trails).zip(&exposures) {
+            frames.push(self.part(moment, place, middle, trail, *start)?);
         }
         let series = Series::new(frames).map_err(|error| CameraError::Unavailable(error.to_string()))?;
         Ok((series, self.gondola.motion(moment.uptime, &exposures)))
+    }
+
+    /// How the camera turns during an exposure that begins so long after the moment, s.
+    fn trail(&self, moment: &Moment, start_s: f64) -> Vec<Attitude> {
+        let year = moment.utc.map(|utc| utc.julian_year());
+        let steps = (self.exposure_s / STEP_S).ceil().max(1.0) as u32;
+        let since = |step: u32| start_s + self.exposure_s * (f64::from(step) + 0.5) / f64::from(steps);
+        let seen = |step: u32| self.gondola.attitude(moment.uptime + Duration::from_secs_f64(since(step)), year);
+        (0..steps).filter_map(seen).collect()
+    }
+
+    /// One exposure of a series, by its trail about an attitude.
+    fn part(
+        &mut self,
+        moment: &Moment,
+        place: u8,
+        about: Attitude,
+        trail: &[Attitude],
+        start_s: f64,
+    ) -> Result<Frame, CameraError> {
+        let turns = trail.iter().map(|attitude| about.turn_to(attitude)).collect();
+        let part = Part { place, turns, starlight: 1.0, most_flux_adu: f64::INFINITY };
+        self.expose(moment, Some(about), Some(part), start_s + 0.5 * self.exposure_s)
     }
 
     /// A frame, or one exposure of a series, with its middle so long after the moment, s.
@@ -156,6 +174,13 @@ impl SimulatedSky {
     }
 }
 
+/// The middle of all attitudes of some trails.
+fn middle(trails: &[Vec<Attitude>]) -> Result<Attitude, CameraError> {
+    let all = || trails.iter().flatten();
+    let first = *all().next().ok_or_else(|| CameraError::Unavailable("the gondola looks nowhere".to_owned()))?;
+    Ok(first.turned(&(all().map(|other| first.turn_to(other)).sum::<Vec3>() / all().count() as f64)))
+}
+
 impl LensFocus {
     /// Diameter of the stars' discs, px: no more than the renderer makes.
     fn disc_px(&self) -> f64 {
@@ -166,6 +191,14 @@ impl LensFocus {
 
 impl Source for SimulatedSky {
     fn next(&mut self, moment: &Moment) -> Result<Series, CameraError> {
+        if self.one_by_one {
+            // Another exposure of the same image has another noise.
+            let place = self.last.filter(|(image, _)| *image == moment.image).map_or(0, |(_, place)| place.wrapping_add(1));
+            self.last = Some((moment.image, place));
+            let trail = self.trail(moment, 0.0);
+            let about = middle(std::slice::from_ref(&trail))?;
+            return Ok(self.part(moment, place, about, &trail, 0.0)?.into());
+        }
         let year = moment.utc.map(|utc| utc.julian_year());
         let attitude = self.gondola.attitude(moment.uptime, year);
         Ok(self.expose(moment, attitude, None, 0.0)?.into())
@@ -194,7 +227,6 @@ impl Source for SimulatedSky {
 mod tests {
     use super::*;
     use crate::camera::Ask;
-    use crate::image::ImageCounter;
     use crate::sky::{ClockQuality, Utc, separation};
 
     fn settings() -> Settings {

@@ -22,6 +22,7 @@ fn assignments(command: &Command) -> Vec<String> {
             set("commands", &[("network_lull", enabled.to_string()), ("network_lull_s", float(delay_s))])
         }
         Command::SendImages { enabled } => set("images", &[("send", enabled.to_string())]),
+        Command::SetSeries { readout_delay_s } => set("camera", &[("series_s", float(readout_delay_s))]),
         Command::SetBrightness { enabled, level_ke_s_px, gain_db, actual_exposure_s, simulated_exposure_s } => set(
             "brightness",
             &[

@@ -31,8 +31,6 @@ pub struct Definition {
     pub flown: &'static str,
     /// Whether it must be armed.
     pub hazard: Hazard,
-    /// Whether its part of the program is there; otherwise it is validated and answered `not_available`.
-    pub available: bool,
     /// Its values, in the order of the wire.
     pub parameters: Vec<Parameter>,
 }
@@ -107,12 +105,11 @@ impl Definition {
             Hazard::Always => "  [arm, then fire]",
             Hazard::LargeMove => "  [arm, then fire, if the move is large]",
         };
-        let absent = if self.available { "" } else { "  [not available yet]" };
         let values = self.parameters.iter().map(|parameter| {
             let unit = if parameter.unit.is_empty() { String::new() } else { format!(", {}", parameter.unit) };
             format!("\n      {}: {}{unit}. {}", parameter.name, parameter.expected(), parameter.meaning)
         });
-        format!("{}{armed}{absent}\n    {}{}", self.usage(), self.meaning, values.collect::<String>())
+        format!("{}{armed}\n    {}{}", self.usage(), self.meaning, values.collect::<String>())
     }
 
     fn count_error(&self, got: usize) -> CommandError {

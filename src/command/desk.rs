@@ -226,9 +226,6 @@ impl Desk {
     fn may(&mut self, now: Tick, order: &Order, focus: Focus) -> Result<(), (Refusal, String)> {
         let unknown = |error: super::CommandError| (Refusal::UnknownCommand, error.to_string());
         let definition = order.command.definition().map_err(unknown)?;
-        if !definition.available {
-            return Err((Refusal::NotAvailable, format!("{} is not there yet", definition.name)));
-        }
         let room = if order.command.only_stops() { 2 * UNDER_WAY } else { UNDER_WAY };
         if self.under_way.len() >= room {
             return Err((Refusal::Busy, format!("{} commands are under way", self.under_way.len())));
@@ -438,19 +435,6 @@ mod tests {
             assert_eq!(run(&mut desk, at(0), order(1, Act::Run, text), focus).is_some(), runs, "{text}");
             assert_eq!(run(&mut desk, at(0), order(2, Act::Arm, text), focus), None);
             assert!(run(&mut desk, at(1), order(3, Act::Fire, text), focus).is_some(), "{text}");
-        }
-    }
-
-    #[test]
-    fn what_is_not_there_yet_is_answered_so() {
-        let mut desk = Desk::default();
-        for definition in super::super::Definition::all().iter().filter(|definition| !definition.available) {
-            let mut values = [0.0; super::super::MAX_VALUES];
-            values.iter_mut().zip(&definition.parameters).for_each(|(value, parameter)| *value = parameter.low);
-            let command = Command::from_wire(definition.code, &values).unwrap();
-            let verdict = Verdict::Run(Order { from: FC, counter: 1, act: Act::Run, command });
-            assert_eq!(run(&mut desk, at(0), verdict, AT_3000), None);
-            assert_eq!(desk.replies.last().unwrap().why, Some(Refusal::NotAvailable));
         }
     }
 

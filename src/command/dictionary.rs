@@ -10,7 +10,7 @@ use super::value::{Parameter, ShowFocus, Value};
 macro_rules! commands {
     ($(
         $(#[doc = $meaning:literal])+
-        $code:literal $name:literal $variant:ident $flown:literal $hazard:ident $available:literal {
+        $code:literal $name:literal $variant:ident $flown:literal $hazard:ident {
             $( $(#[doc = $about:literal])+ $field:ident: $type:ty => $unit:literal [$low:literal, $high:literal]; )*
         }
     )+) => {
@@ -52,7 +52,6 @@ macro_rules! commands {
                 meaning: concat!($($meaning),+).trim_ascii(),
                 flown: $flown,
                 hazard: Hazard::$hazard,
-                available: $available,
                 parameters: vec![$( Parameter {
                     name: stringify!($field),
                     shape: <$type>::SHAPE,
@@ -75,16 +74,16 @@ macro_rules! f64_of {
 
 commands! {
     /// Ends the program; whatever watches over it starts it again.
-    1 "service.quit" Quit "xsc_quit" Always true {}
+    1 "service.quit" Quit "xsc_quit" Always {}
     /// Runs the program of the settings that switches the computer off, or the one that restarts it.
-    2 "service.shut_down" ShutDown "xsc_shutdown" Always true {
+    2 "service.shut_down" ShutDown "xsc_shutdown" Always {
         /// Restart instead of switching off.
         restart: bool => "" [0, 1];
     }
     /// Runs the program of the settings that resets the network.
-    3 "service.reset_network" ResetNetwork "xsc_network_reset" None true {}
+    3 "service.reset_network" ResetNetwork "xsc_network_reset" None {}
     /// Sets whether the network is reset by itself when no flight computer has been heard for long.
-    4 "service.set_network_lull" SetNetworkLull "xsc_network_reset" None true {
+    4 "service.set_network_lull" SetNetworkLull "xsc_network_reset" None {
         /// Do it.
         enabled: bool => "" [0, 1];
         /// Time without a word from any flight computer before it.
@@ -92,12 +91,12 @@ commands! {
     }
     /// Takes back everything that was commanded: settings, ranges and masks are again those of the files that the program
     /// started with. The lens is not moved.
-    5 "service.factory_reset" FactoryReset "" Always true {}
+    5 "service.factory_reset" FactoryReset "" Always {}
     /// From any state to the flight defaults with the lens at rest: stops the lens, ends the autofocus without a move, takes back
     /// everything that was commanded, disarms. Acts blind, whatever else is wrong.
-    6 "service.known_good" KnownGood "" None true {}
+    6 "service.known_good" KnownGood "" None {}
     /// Sets what the display shows.
-    7 "display.configure" ConfigureDisplay "xsc_main_settings" None true {
+    7 "display.configure" ConfigureDisplay "xsc_main_settings" None {
         /// Times per second that a page shows the state anew, at most.
         rate_hz: f64 => "Hz" [1, 30];
         /// Fill the screen.
@@ -110,7 +109,7 @@ commands! {
         brightness: f64 => "" [0.5, 4];
     }
     /// Magnifies a part of the display.
-    8 "display.set_zoom" SetZoom "xsc_display_zoom" None true {
+    8 "display.set_zoom" SetZoom "xsc_display_zoom" None {
         /// Centre, from the left of a display of 640 px.
         x_px: i32 => "px" [0, 1000];
         /// Centre, from the bottom of a display of 480 px.
@@ -119,24 +118,24 @@ commands! {
         magnification: f64 => "" [1, 4];
     }
     /// Sends each new image to the flight computers that ask for the next one, and to those of old that have images set; or no longer.
-    9 "images.send" SendImages "xsc_image_client" None true {
+    9 "images.send" SendImages "xsc_image_client" None {
         /// Send them.
         enabled: bool => "" [0, 1];
     }
-    /// Sets how long the exposures of a series are waited for.
-    10 "camera.set_series" SetSeries "xsc_multi_trigger" None false {
+    /// Sets how long the triggers of a series are waited for: those that come within this time of the first make one image.
+    10 "camera.set_series" SetSeries "xsc_multi_trigger" None {
         /// Time from the first exposure of a series to the last.
         readout_delay_s: f64 => "s" [0.1, 10];
     }
     /// Reads the camera's gain.
-    11 "camera.get_gain" GetGain "xsc_get_gain" None true {}
+    11 "camera.get_gain" GetGain "xsc_get_gain" None {}
     /// Sets the camera's gain.
-    12 "camera.set_gain" SetGain "xsc_set_gain" None true {
+    12 "camera.set_gain" SetGain "xsc_set_gain" None {
         /// Gain.
         gain_db: f64 => "dB" [0, 36];
     }
     /// Pretends a brighter sky than there is, where `brightness.allowed` is set; the images that are kept stay as they are.
-    13 "simulator.set_brightness" SetBrightness "xsc_fake_sky_brightness" None true {
+    13 "simulator.set_brightness" SetBrightness "xsc_fake_sky_brightness" None {
         /// Do it.
         enabled: bool => "" [0, 1];
         /// Brightness of the sky, thousands of electrons per second and pixel.
@@ -149,36 +148,36 @@ commands! {
         simulated_exposure_s: f64 => "s" [0.01, 10];
     }
     /// Empties the lens controller's input, so that the next command is read from its first character.
-    20 "lens.flush" FlushLens "" None true {}
+    20 "lens.flush" FlushLens "" None {}
     /// Lets the lens find its focus range, for which it moves from end to end.
-    21 "lens.init_focus" InitFocus "xsc_init_focus" Always true {}
+    21 "lens.init_focus" InitFocus "xsc_init_focus" Always {}
     /// Reads the focus position.
-    22 "lens.get_focus" GetFocus "" None true {}
+    22 "lens.get_focus" GetFocus "" None {}
     /// Moves the focus to a position.
-    23 "lens.set_focus" SetFocus "xsc_set_focus" LargeMove true {
+    23 "lens.set_focus" SetFocus "xsc_set_focus" LargeMove {
         /// Position, encoder counts from the near stop.
         position_counts: i32 => "counts" [0, 65535];
     }
     /// Moves the focus by so much.
-    24 "lens.move_focus" MoveFocus "xsc_set_focus_incremental" LargeMove true {
+    24 "lens.move_focus" MoveFocus "xsc_set_focus_incremental" LargeMove {
         /// Counts, away from the near stop if positive.
         step_counts: i32 => "counts" [-10000, 10000];
     }
     /// Lets the aperture find its stops, for which it moves.
-    25 "lens.init_aperture" InitAperture "xsc_init_aperture" None true {}
+    25 "lens.init_aperture" InitAperture "xsc_init_aperture" None {}
     /// Reads the aperture position.
-    26 "lens.get_aperture" GetAperture "" None true {}
+    26 "lens.get_aperture" GetAperture "" None {}
     /// Moves the aperture to a position.
-    27 "lens.set_aperture" SetAperture "xsc_set_aperture" None true {
+    27 "lens.set_aperture" SetAperture "xsc_set_aperture" None {
         /// Position, 0 is fully open.
         position_counts: i32 => "counts" [0, 10000];
     }
     /// Sends nothing more that moves the lens: queued moves and the autofocus end. A move that has begun cannot be stopped.
-    28 "lens.stop" StopLens "" None true {}
+    28 "lens.stop" StopLens "" None {}
     /// Sweeps the focus over its range and moves to where the stars are sharpest.
-    40 "focus.run" RunFocus "xsc_run_autofocus" Always true {}
+    40 "focus.run" RunFocus "xsc_run_autofocus" Always {}
     /// Sets the range of the focus search.
-    41 "focus.set_range" SetFocusRange "xsc_set_autofocus_range" None true {
+    41 "focus.set_range" SetFocusRange "xsc_set_autofocus_range" None {
         /// Nearest position.
         min_counts: i32 => "counts" [0, 65535];
         /// Furthest position.
@@ -187,33 +186,33 @@ commands! {
         step_counts: i32 => "counts" [1, 1000];
     }
     /// Ends an autofocus.
-    42 "focus.abort" AbortFocus "xsc_abort_autofocus" None true {
+    42 "focus.abort" AbortFocus "xsc_abort_autofocus" None {
         /// Move to the best focus that is known by then; otherwise the lens goes back to where it was before.
         use_result: bool => "" [0, 1];
     }
     /// Goes one bounded step and compares the stars; comes back by itself if they did not get better.
-    43 "focus.refocus" Refocus "" None true {
+    43 "focus.refocus" Refocus "" None {
         /// The step, away from the near stop if positive; `focus.refocus_counts` bounds it.
         step_counts: i32 => "counts" [-1000, 1000];
     }
     /// Sweeps the focus over its range, says where the stars are sharpest, and goes back to where the lens was.
-    45 "focus.advise" AdviseFocus "" Always true {}
+    45 "focus.advise" AdviseFocus "" Always {}
     /// Sets when the display shows the autofocus.
-    44 "focus.set_display" SetFocusDisplay "xsc_autofocus_display_mode" None true {
+    44 "focus.set_display" SetFocusDisplay "xsc_autofocus_display_mode" None {
         /// When.
         show: ShowFocus => "" [0, 2];
     }
     /// Switches solving on or off, and sets its time limit.
-    60 "solver.configure" ConfigureSolver "xsc_solver_general" None true {
+    60 "solver.configure" ConfigureSolver "xsc_solver_general" None {
         /// Solve frames.
         enabled: bool => "" [0, 1];
         /// A frame older than this is given up.
         timeout_s: f64 => "s" [1, 600];
     }
     /// Gives up the frame that is being solved.
-    61 "solver.abort" AbortSolver "xsc_solver_abort" None true {}
+    61 "solver.abort" AbortSolver "xsc_solver_abort" None {}
     /// Sets the mask of blocks that no source is taken from, for images of at most 96 blocks.
-    62 "solver.mask" MaskSources "xsc_selective_mask" None true {
+    62 "solver.mask" MaskSources "xsc_selective_mask" None {
         /// Apply it.
         enabled: bool => "" [0, 1];
         /// Blocks 0 to 31, lowest bit first, rows from the bottom.
@@ -224,7 +223,7 @@ commands! {
         field_2: u32 => "" [0, 4294967295.0];
     }
     /// Sets how sources are found.
-    63 "solver.sources" FindSources "xsc_blob_finding" None true {
+    63 "solver.sources" FindSources "xsc_blob_finding" None {
         /// How far a peak stands above its surroundings, in σ of the noise.
         snr_threshold: f64 => "" [0.01, 10];
         /// Sources that patterns are made of.
@@ -233,19 +232,19 @@ commands! {
         robust: bool => "" [0, 1];
     }
     /// Sets how crowding is limited.
-    64 "solver.cells" LimitCells "xsc_blob_cells" None true {
+    64 "solver.cells" LimitCells "xsc_blob_cells" None {
         /// Side of a cell.
         cell_px: u32 => "px" [8, 16384];
         /// Most sources taken from a cell.
         max_per_cell: u32 => "" [1, 10];
     }
     /// Sets the use of the gyro rates of trailed images.
-    65 "solver.motion" UseMotion "xsc_motion_psf" None true {
+    65 "solver.motion" UseMotion "xsc_motion_psf" None {
         /// Use them.
         enabled: bool => "" [0, 1];
     }
     /// Sets how sources are matched to stars.
-    66 "solver.matching" MatchStars "xsc_pattern_matching" None true {
+    66 "solver.matching" MatchStars "xsc_pattern_matching" None {
         /// Match them at all.
         enabled: bool => "" [0, 1];
         /// Greatest distance of a source from its star.
@@ -256,14 +255,14 @@ commands! {
         platescale_max_arcsec_px: f64 => "arcsec/px" [0.1, 1000];
     }
     /// Requires solutions to lie near the flight computer's estimate, against the horizon.
-    80 "requirements.horizontal_location" RequireHorizontalLocation "xsc_filter_hor_location" None true {
+    80 "requirements.horizontal_location" RequireHorizontalLocation "xsc_filter_hor_location" None {
         /// Require it.
         enabled: bool => "" [0, 1];
         /// Greatest distance.
         radius_deg: f64 => "deg" [0.1, 180];
     }
     /// Requires the horizontal roll to lie in a range.
-    81 "requirements.horizontal_roll" RequireHorizontalRoll "xsc_filter_hor_roll" None true {
+    81 "requirements.horizontal_roll" RequireHorizontalRoll "xsc_filter_hor_roll" None {
         /// Require it.
         enabled: bool => "" [0, 1];
         /// Lower end.
@@ -272,7 +271,7 @@ commands! {
         max_deg: f64 => "deg" [-180, 180];
     }
     /// Requires the elevation to lie in a range.
-    82 "requirements.elevation" RequireElevation "xsc_filter_el" None true {
+    82 "requirements.elevation" RequireElevation "xsc_filter_el" None {
         /// Require it.
         enabled: bool => "" [0, 1];
         /// Lower end.
@@ -281,14 +280,14 @@ commands! {
         max_deg: f64 => "deg" [-90, 90];
     }
     /// Requires solutions to lie near the flight computer's estimate, on the sky.
-    83 "requirements.equatorial_location" RequireEquatorialLocation "xsc_filter_eq_location" None true {
+    83 "requirements.equatorial_location" RequireEquatorialLocation "xsc_filter_eq_location" None {
         /// Require it.
         enabled: bool => "" [0, 1];
         /// Greatest distance.
         radius_deg: f64 => "deg" [0.1, 180];
     }
     /// Requires the roll to lie in a range.
-    84 "requirements.equatorial_roll" RequireEquatorialRoll "" None true {
+    84 "requirements.equatorial_roll" RequireEquatorialRoll "" None {
         /// Require it.
         enabled: bool => "" [0, 1];
         /// Lower end.
@@ -297,7 +296,7 @@ commands! {
         max_deg: f64 => "deg" [-180, 180];
     }
     /// Sets what a solution must be like to be served.
-    85 "requirements.matching" RequireMatching "xsc_filter_matching" None true {
+    85 "requirements.matching" RequireMatching "xsc_filter_matching" None {
         /// Greatest σ of the pointing.
         pointing_error_max_arcsec: f64 => "arcsec" [0.1, 200];
         /// Greatest rms residual.

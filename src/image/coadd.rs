@@ -1,7 +1,8 @@
 //! Adding up the exposures of one series.
 
 use super::Frame;
-use crate::sky::{Kernel, with_vectors};
+use crate::sky::{ClockQuality, Kernel, Utc, with_vectors};
+use std::borrow::Borrow;
 
 /// Most exposures of a series.
 pub const MAX_PARTS: usize = 16;
@@ -26,14 +27,14 @@ pub enum CoaddError {
 /// lost would bend a centroid unseen: so the full scale of the parts should be set beforehand where the camera's is known
 /// (where it is not, only the end of 16 bits counts as saturated). The sum's full scale is the sum of the parts'. A sum
 /// that 16 bits may not hold (cameras of 15 and 16 bits) is divided by the least whole number that makes it fit.
-/// The stamp is that of the first, with the exposures and all that was lost counted.
+/// The stamp is that of the first, with the exposures and all that was lost counted, at the middle of all their light.
 ///
 /// # Errors
 /// No part, too many, or parts of different layouts.
-pub fn coadd(parts: &[Frame]) -> Result<Frame, CoaddError> {
+pub fn coadd<F: Borrow<Frame>>(parts: &[F]) -> Result<Frame, CoaddError> {
     let (first, others) = split(parts)?;
     let mut sum = Sum::of(first);
-    others.iter().for_each(|part| sum.add(part));
+    others.iter().for_each(|part| sum.add(part.borrow()));
     Ok(sum.frame(first, others))
 }
 
@@ -63,8 +64,8 @@ impl Sum {
     }
 
     /// The sum, which is that of these exposures.
-    pub fn frame(&self, first: &Frame, others: &[Frame]) -> Frame {
-        let parts = || std::iter::once(first).chain(others);
+    pub fn frame<F: Borrow<Frame>>(&self, first: &Frame, others: &[F]) -> Frame {
+        let parts = || std::iter::once(first).chain(others.iter().map(F::borrow));
         let full_scale: Option<u32> = parts().map(|part| part.full_scale.map(u32::from)).sum();
         let highest = full_scale.unwrap_or_else(|| self.highest.unsigned_abs());
         let divisor = highest.div_ceil(u16::MAX.into()).max(1);
@@ -72,6 +73,8 @@ impl Sum {
 
         let mut stamp = first.stamp.clone();
         stamp.part = None;
+        stamp.captured = middle_utc(parts().map(|part| part.stamp.captured));
+        stamp.uptime_s = mean(parts().map(|part| part.stamp.uptime_s));
         stamp.exposures = parts().fold(0, |n: u8, part| n.saturating_add(part.stamp.exposures.max(1)));
         stamp.simulated = parts().any(|part| part.stamp.simulated);
         stamp.missing_packets = parts().fold(0, |n: u32, part| n.saturating_add(part.stamp.missing_packets));
@@ -79,6 +82,18 @@ impl Sum {
         let pixels = with_vectors(Scale { totals: &self.totals, divisor, top });
         Frame { pixels, full_scale: full_scale.map(|_| top), stamp, ..*first }
     }
+}
+
+/// The middle of some times, which are believed as far as the least; `None` where one is not known.
+fn middle_utc(times: impl Iterator<Item = Option<(Utc, ClockQuality)>> + Clone) -> Option<(Utc, ClockQuality)> {
+    let quality = times.clone().flatten().map(|(_, quality)| quality).min()?;
+    Some((Utc::from_unix(mean(times.map(|time| Some(time?.0.unix_s())))?)?, quality))
+}
+
+/// The mean of some values, where each is known.
+fn mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+    let values = values.collect::<Option<Vec<f64>>>().filter(|values| !values.is_empty())?;
+    Some(values.iter().sum::<f64>() / values.len() as f64)
 }
 
 /// Adds an exposure to the sums; gives the highest that is not saturated.
@@ -131,11 +146,12 @@ impl Kernel for Scale<'_> {
 }
 
 /// The first exposure and the others, where they can be added.
-pub(super) fn split(parts: &[Frame]) -> Result<(&Frame, &[Frame]), CoaddError> {
+fn split<F: Borrow<Frame>>(parts: &[F]) -> Result<(&Frame, &[F]), CoaddError> {
     let Some((first, others)) = parts.split_first().filter(|_| parts.len() <= MAX_PARTS) else {
         return Err(CoaddError::Number(parts.len()));
     };
-    match others.iter().position(|part| !alike(first, part)) {
+    let first = first.borrow();
+    match others.iter().position(|part| !alike(first, part.borrow())) {
         Some(i) => Err(CoaddError::Layout { part: i + 1 }),
         None => Ok((first, others)),
     }
@@ -186,14 +202,23 @@ mod tests {
         parts[0].stamp.origin = "first".to_owned();
         parts[1].stamp.exposures = 2;
         parts[2].stamp.simulated = true;
+        let times = [10.0, 10.5, 12.5].map(|unix_s| Utc::from_unix(1e9 + unix_s).unwrap());
+        let qualities = [ClockQuality::Chrony, ClockQuality::FreeRunning, ClockQuality::Chrony];
+        for ((part, utc), quality) in parts.iter_mut().zip(times).zip(qualities) {
+            (part.stamp.captured, part.stamp.uptime_s) = (Some((utc, quality)), Some(utc.unix_s() - 1e9));
+        }
         let stamp = coadd(&parts).unwrap().stamp;
         assert_eq!((stamp.origin.as_str(), stamp.exposures, stamp.simulated), ("first", 4, true));
+        assert_eq!(stamp.captured, Some((Utc::from_unix(1e9 + 11.0).unwrap(), ClockQuality::FreeRunning)));
+        assert_eq!(stamp.uptime_s, Some(11.0));
+        parts[1].stamp.captured = None;
+        assert_eq!(coadd(&parts).unwrap().stamp.captured, None, "half a time is none");
     }
 
     #[test]
     fn parts_that_do_not_belong_together_are_refused() {
         let first = part([0; 4], None);
-        assert_eq!(coadd(&[]), Err(CoaddError::Number(0)));
+        assert_eq!(coadd::<Frame>(&[]), Err(CoaddError::Number(0)));
         assert_eq!(coadd(&vec![first.clone(); 17]), Err(CoaddError::Number(17)));
         let mut turned = first.clone();
         turned.rows = RowOrder::TopFirst;

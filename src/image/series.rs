@@ -2,13 +2,14 @@
 
 use super::coadd::{Sum, alike};
 use super::{CoaddError, Frame, MAX_PARTS, Stamp};
+use std::sync::Arc;
 
 /// The exposures of one image, in the order in which they were read out: one to [`MAX_PARTS`], all laid out alike.
 ///
 /// Each is added to a running sum when it comes, so that when the last has come little is left to be done before it is solved.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
-    exposures: Vec<Frame>,
+    exposures: Vec<Arc<Frame>>,
     /// Of all exposures, where there are several.
     sum: Option<Sum>,
 }
@@ -26,26 +27,32 @@ impl Series {
         Ok(series)
     }
 
-    /// Puts the next exposure to it.
+    /// Puts the next exposure to it, which others may have already: they see no change of it.
     ///
     /// # Errors
     /// One too many, or one that is laid out differently; the series is as it was.
-    pub fn push(&mut self, mut exposure: Frame) -> Result<(), CoaddError> {
+    pub fn push(&mut self, exposure: impl Into<Arc<Frame>>) -> Result<(), CoaddError> {
+        let mut exposure = exposure.into();
         let place = self.exposures.len();
         let first = self.exposures.first_mut().filter(|_| place < MAX_PARTS).ok_or(CoaddError::Number(place + 1))?;
         if !alike(first, &exposure) {
             return Err(CoaddError::Layout { part: place });
         }
-        first.stamp.part = Some(0);
-        exposure.stamp.part = u8::try_from(place).ok();
+        mark(first, 0);
+        mark(&mut exposure, place);
         self.sum.get_or_insert_with(|| Sum::of(first)).add(&exposure);
         self.exposures.push(exposure);
         Ok(())
     }
 
+    /// Whether an exposure can be put to it.
+    pub fn takes(&self, exposure: &Frame) -> bool {
+        self.exposures.len() < MAX_PARTS && self.exposures.first().is_some_and(|first| alike(first, exposure))
+    }
+
     /// Changes the stamp of every exposure.
     pub fn stamp(&mut self, change: impl Fn(&mut Stamp)) {
-        self.exposures.iter_mut().for_each(|exposure| change(&mut exposure.stamp));
+        self.exposures.iter_mut().for_each(|exposure| change(&mut Arc::make_mut(exposure).stamp));
     }
 
     /// All exposures added up, as [`coadd()`](super::coadd()) does; `None` for one that stands alone and is its own sum.
@@ -55,19 +62,27 @@ impl Series {
     }
 
     /// The exposures.
-    pub fn exposures(&self) -> &[Frame] {
+    pub fn exposures(&self) -> &[Arc<Frame>] {
         &self.exposures
     }
 
     /// The exposures, one after another.
-    pub fn into_exposures(self) -> Vec<Frame> {
+    pub fn into_exposures(self) -> Vec<Arc<Frame>> {
         self.exposures
     }
 }
 
 impl From<Frame> for Series {
     fn from(frame: Frame) -> Self {
-        Self { exposures: vec![frame], sum: None }
+        Self { exposures: vec![Arc::new(frame)], sum: None }
+    }
+}
+
+/// Marks an exposure with its place in the series, where it is not yet: one that others have too is copied for that.
+fn mark(exposure: &mut Arc<Frame>, place: usize) {
+    let part = u8::try_from(place).ok();
+    if exposure.stamp.part != part {
+        Arc::make_mut(exposure).stamp.part = part;
     }
 }
 
@@ -87,6 +102,7 @@ mod tests {
     fn the_exposures_of_a_series_have_their_places_and_their_sum_has_none() {
         let mut series = Series::new((1..=16).map(exposure).collect()).unwrap();
         series.stamp(|stamp| stamp.gain_db = Some(3.0));
+        assert!(!series.takes(&exposure(1)), "it is full");
         let sum = series.sum().unwrap();
         assert_eq!((sum.pixels[0], sum.stamp.exposures, sum.stamp.part), (136, 16, None));
         let parts: Vec<_> = series.exposures().iter().map(|exposure| exposure.stamp.part).collect();
@@ -108,6 +124,7 @@ mod tests {
         }
         let wide = Frame::new(4, 1, vec![0; 4], RowOrder::BottomFirst).unwrap();
         let before = series.clone();
+        assert!(series.takes(&exposure(1)) && !series.takes(&wide));
         assert_eq!(series.push(wide), Err(CoaddError::Layout { part: 4 }));
         assert_eq!(series, before, "what does not belong to it changes nothing");
     }

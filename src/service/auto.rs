@@ -33,8 +33,8 @@ impl Auto {
     }
 
     /// Notes a frame on its way to the solver.
-    pub fn note(&mut self, frame: Option<&Frame>) {
-        self.full_scale = frame.and_then(|frame| frame.full_scale).or(self.full_scale);
+    pub fn note(&mut self, frame: &Frame) {
+        self.full_scale = frame.full_scale.or(self.full_scale);
     }
 
     /// What exposure and gain are to be, where the newest outcome says that they are to change.

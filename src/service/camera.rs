@@ -14,7 +14,7 @@ use super::state::{CameraState, Disk, Finished, ImageNews, Shed, State, Triggers
 use super::supervisor::{Ended, panic_message, panic_text};
 use crate::camera::{Ask, CameraError, Moment, SimulatedLine, Source, TriggerDecision, TriggerEvent, TriggerWatch};
 use crate::command::OrderNumber;
-use crate::image::{ExposedBy, Frame, ImageCounter, Series, Stamp};
+use crate::image::{CoaddError, ExposedBy, Frame, ImageCounter, Series, Stamp};
 use crate::settings::{CameraKind, CameraSettings, Settings};
 use crate::sky::ClockReading;
 use crate::solve::{Outcome, Reason};
@@ -89,6 +89,36 @@ struct Held {
     look: Instant,
     /// Exposure and gain by what frames show.
     auto: Auto,
+    /// The image whose exposures come one after the other.
+    gathering: Option<Gathering>,
+}
+
+/// An image that waits for more exposures.
+struct Gathering {
+    /// Those that came: each is kept already.
+    series: Series,
+    /// Of the first.
+    stamp: Stamp,
+    /// When the first was asked for, and the state then.
+    at: Instant,
+    state: Arc<State>,
+    /// Triggers that come later make another image.
+    until: Instant,
+}
+
+impl Gathering {
+    /// How the next exposure is asked for, as the first was.
+    fn ask(&self) -> Ask {
+        match self.stamp.exposed_by {
+            Some(ExposedBy::Trigger) => Ask::Triggered(WAIT.min(self.until.saturating_duration_since(Instant::now()))),
+            _ => Ask::Expose,
+        }
+    }
+
+    /// Whether a trigger that has not come yet may still belong to it.
+    fn waits(&self) -> bool {
+        self.stamp.exposed_by == Some(ExposedBy::Trigger) && Instant::now() < self.until
+    }
 }
 
 /// What the blocking pool gives back: the source for the next time, and the image.
@@ -98,15 +128,7 @@ struct Shot {
     gain_db: Option<f64>,
     /// The camera's temperature, °C, where it offers one.
     temperature_c: Option<f64>,
-    image: Result<Taken, CameraError>,
-}
-
-/// An image that was taken.
-struct Taken {
-    /// Its exposures, which are kept.
-    series: Series,
-    /// Their sum, which is solved; `None` where there is one alone.
-    sum: Option<Frame>,
+    image: Result<Series, CameraError>,
 }
 
 impl Shot {
@@ -131,23 +153,26 @@ impl CameraActor {
         schedule.set_missed_tick_behavior(MissedTickBehavior::Skip);
         let triggers =
             TriggerWatch::new(camera, self.state.borrow().triggers.exposing, self.clock.tick(first.max(Instant::now())));
-        let mut held = Held { source: None, triggers, look: first, auto: Auto::default() };
+        let mut held = Held { source: None, triggers, look: first, auto: Auto::default(), gathering: None };
         let mut inbox = self.inbox.open().await;
         loop {
             tokio::select! {
                 biased;
-                () = self.stop.cancelled() => return Ok(()),
-                Some(request) = inbox.recv() => {
+                () = self.stop.cancelled() => return self.hand_on(&mut held).await,
+                // All exposures of an image have the same light.
+                Some(request) = inbox.recv(), if held.gathering.is_none() => {
                     held.auto.note_request(&request);
                     held.source = self.answer(held.source.take(), request).await?;
                 }
-                _ = schedule.tick(), if held.triggers.exposing() != ExposedBy::Trigger => {
+                _ = schedule.tick(), if held.gathering.is_none() && held.triggers.exposing() != ExposedBy::Trigger => {
                     pulse.give_up(self.left_behind.too_many());
                     self.take_one(&mut held, Ask::Expose).await?;
                 }
-                () = sleep_until(held.look), if held.triggers.exposing() != ExposedBy::Asked => {
+                () = sleep_until(held.look), if held.gathering.is_some() || held.triggers.exposing() != ExposedBy::Asked => {
+                    pulse.beat();
                     pulse.give_up(self.left_behind.too_many());
-                    self.take_one(&mut held, Ask::Triggered(WAIT)).await?;
+                    let ask = held.gathering.as_ref().map_or(Ask::Triggered(WAIT), Gathering::ask);
+                    self.take_one(&mut held, ask).await?;
                     self.watch(&mut held.triggers, TriggerEvent::Time).await;
                 }
                 () = pulse.rest() => {}
@@ -198,18 +223,18 @@ impl CameraActor {
         self.hub.tell(ToHub::Triggers(Triggers { exposing: triggers.exposing(), last, stayed_away })).await;
     }
 
-    /// Takes one frame on its way; puts the source back. When it is to end, a source that is slow is left behind; a frame that
-    /// has its number is not.
+    /// Takes one exposure on its way; puts the source back. When it is to end, a source that is slow is left behind; an exposure that
+    /// came is not.
     async fn take_one(&self, held: &mut Held, ask: Ask) -> Result<(), Ended> {
         let at = Instant::now();
-        let image = ImageCounter(self.numbers.load(Ordering::Relaxed));
+        let image = held.gathering.as_ref().map_or_else(|| self.next_number(), |gathering| gathering.stamp.image);
         let uptime = self.clock.tick(at);
         let state = Arc::clone(&self.state.borrow());
         let make = Arc::clone(&self.make);
         let ClockReading { utc, quality, sigma_s } = state.time(uptime, self.clock.time());
         let moment = Moment { image, uptime, utc, quality, sigma_s, ask };
         let source = held.source.take();
-        let light = held.auto.next(&state);
+        let light = if held.gathering.is_none() { held.auto.next(&state) } else { None };
         let running = self.left_behind.start();
         let job = tokio::task::spawn_blocking(move || match running {
             Some(_running) => shoot(source, &make, &moment, light),
@@ -221,54 +246,102 @@ impl CameraActor {
         if let Some(gain_db) = gain_db {
             self.hub.tell(ToHub::Gain { number: NOBODY, result: Ok(gain_db) }).await;
         }
-        match taken {
-            Ok(Taken { mut series, mut sum }) => {
-                let asked = held.triggers.exposing() == ExposedBy::Asked;
-                let stamp = |stamp: &mut Stamp| {
-                    stamp.exposed_by = stamp.exposed_by.or(asked.then_some(ExposedBy::Asked));
-                    self.number(image, &state, stamp);
-                    stamp.temperature_camera_c = stamp.temperature_camera_c.or(temperature_c);
-                    // What was set for this frame is not in the state yet.
-                    stamp.gain_db = stamp.gain_db.or(gain_db);
-                    self.note_instrument(&state, at, stamp);
-                };
-                series.stamp(stamp);
-                sum.iter_mut().for_each(|sum| stamp(&mut sum.stamp));
-                let exposures: Vec<Arc<Frame>> = series.into_exposures().into_iter().map(Arc::new).collect();
-                // Before anything is waited for: whatever becomes of this actor, the exposures are where they are kept.
-                let lost = self.keep(&state, &exposures);
-                held.auto.note(sum.as_ref().or_else(|| exposures.first().map(|frame| &**frame)));
-                let Some(frame) = sum.map(Arc::new).or_else(|| exposures.first().cloned()) else { return Ok(()) };
-                if frame.stamp.exposed_by == Some(ExposedBy::Trigger) {
-                    self.watch(&mut held.triggers, TriggerEvent::Triggered).await;
-                }
-                self.count(&frame.stamp).await;
-                for disk in lost {
-                    self.hub.tell(ToHub::Image(disk, ImageNews::Lost)).await;
-                }
-                self.tell(&state, CameraState::Working).await;
-                let prior = state.prior(at, &state.settings.observer);
-                let captured = Captured { frame, exposures, at, prior, motion: None };
-                self.solver.send(captured).await.map_err(|_| Ended("the solver's inbox is gone".to_owned()))?;
-                self.set_open(None);
-            }
-            Err(CameraError::Unreadable { origin, problem }) => {
+        let none = match taken {
+            Ok(series) => return self.take_in(held, series, (state, at), (gain_db, temperature_c)).await,
+            Err(CameraError::NothingNew) if held.gathering.as_ref().is_some_and(Gathering::waits) => return Ok(()),
+            Err(none) => none,
+        };
+        self.hand_on(held).await?;
+        match none {
+            CameraError::Unreadable { origin, problem } => {
                 let mut stamp = Stamp { origin, ..Stamp::default() };
-                self.number(image, &state, &mut stamp);
+                self.number(self.next_number(), &state, &mut stamp);
                 self.count(&stamp).await;
                 self.tell(&state, CameraState::Working).await;
                 let outcome = Outcome::unsolved(stamp, Reason::Unreadable, problem);
                 self.hub.tell(ToHub::Finished(Box::new(Finished::without_stars(outcome, at)))).await;
                 self.set_open(None);
             }
-            Err(CameraError::NothingNew) if held.triggers.exposing() != ExposedBy::Asked => {
+            CameraError::NothingNew if held.triggers.exposing() != ExposedBy::Asked => {
                 self.tell(&state, CameraState::Waiting).await;
             }
-            Err(none) => {
+            none => {
                 held.look = Instant::now() + AWAY;
                 self.tell(&state, CameraState::Unavailable(none.to_string())).await;
             }
         }
+        Ok(())
+    }
+
+    /// Keeps what came, and puts it to its image, which is handed on where it is complete.
+    async fn take_in(
+        &self,
+        held: &mut Held,
+        mut new: Series,
+        (state, at): (Arc<State>, Instant),
+        (gain_db, temperature_c): (Option<f64>, Option<f64>),
+    ) -> Result<(), Ended> {
+        let asked = held.triggers.exposing() == ExposedBy::Asked;
+        new.stamp(|stamp| stamp.exposed_by = stamp.exposed_by.or(asked.then_some(ExposedBy::Asked)));
+        let by = new.exposures().first().and_then(|exposure| exposure.stamp.exposed_by);
+        let belongs =
+            |to: &Gathering| to.stamp.exposed_by == by && new.exposures().iter().all(|exposure| to.series.takes(exposure));
+        if held.gathering.as_ref().is_some_and(|gathering| !belongs(gathering)) {
+            self.hand_on(held).await?;
+        }
+        // A directory tells by its names what belongs together.
+        let alone = new.exposures().len() == 1 && self.settings.camera.kind != CameraKind::Directory;
+        let wanted = if alone { self.settings.camera.series_exposures as usize } else { 1 };
+        let place = held.gathering.as_ref().map_or(0, |gathering| gathering.series.exposures().len());
+        let first = held.gathering.as_ref().map(|gathering| &gathering.stamp);
+        let image = first.map_or_else(|| self.next_number(), |first| first.image);
+        new.stamp(|stamp| {
+            stamp.trigger = stamp.trigger.or(first.and_then(|first| first.trigger));
+            self.number(image, &state, stamp);
+            stamp.temperature_camera_c = stamp.temperature_camera_c.or(temperature_c);
+            // What was set for this frame is not in the state yet.
+            stamp.gain_db = stamp.gain_db.or(gain_db);
+            self.note_instrument(&state, at, stamp);
+            if wanted > 1 {
+                stamp.part = u8::try_from(place).ok();
+            }
+        });
+        // Before anything is waited for: whatever becomes of this actor, the exposures are where they are kept.
+        let lost = self.keep(&state, new.exposures());
+        if by == Some(ExposedBy::Trigger) {
+            self.watch(&mut held.triggers, TriggerEvent::Triggered).await;
+        }
+        for disk in lost {
+            self.hub.tell(ToHub::Image(disk, ImageNews::Lost)).await;
+        }
+        self.tell(&state, CameraState::Working).await;
+        match held.gathering.take() {
+            Some(gathering) => held.gathering = Some(added(gathering, new).await?),
+            None => {
+                let Some(stamp) = new.exposures().first().map(|exposure| exposure.stamp.clone()) else { return Ok(()) };
+                self.count(&stamp).await;
+                let wait = Duration::try_from_secs_f64(self.state.borrow().settings.camera.series_s).unwrap_or_default();
+                held.gathering = Some(Gathering { series: new, stamp, at, state, until: Instant::now() + wait });
+            }
+        }
+        if place + 1 >= wanted {
+            return self.hand_on(held).await;
+        }
+        held.look = Instant::now();
+        Ok(())
+    }
+
+    /// Hands the image that was gathered to the solver: the sum of its exposures.
+    async fn hand_on(&self, held: &mut Held) -> Result<(), Ended> {
+        let Some(Gathering { series, at, state, .. }) = held.gathering.take() else { return Ok(()) };
+        let summed = tokio::task::spawn_blocking(move || (series.sum(), series.into_exposures()));
+        let (sum, exposures) = summed.await.map_err(|error| Ended(panic_message(error)))?;
+        let Some(frame) = sum.map(Arc::new).or_else(|| exposures.first().cloned()) else { return Ok(()) };
+        held.auto.note(&frame);
+        let prior = state.prior(at, &state.settings.observer);
+        let captured = Captured { frame, exposures, at, prior, motion: None };
+        self.solver.send(captured).await.map_err(|_| Ended("the solver's inbox is gone".to_owned()))?;
+        self.set_open(None);
         Ok(())
     }
 
@@ -294,6 +367,11 @@ impl CameraActor {
         let celsius = before.measured.value(Quantity::TemperatureLens, at, &before.settings);
         stamp.temperature_lens_c = stamp.temperature_lens_c.or(celsius);
         stamp.gain_db = stamp.gain_db.or(before.camera_gain.filter(|gain| after.camera_gain == Some(*gain)));
+    }
+
+    /// The number of the next image.
+    fn next_number(&self) -> ImageCounter {
+        ImageCounter(self.numbers.load(Ordering::Relaxed))
     }
 
     /// Gives an image its number, the series of triggers that it belongs to, and the mark of a simulation.
@@ -359,9 +437,20 @@ fn shoot(source: Option<Box<dyn Source>>, make: &MakeSource, moment: &Moment, li
         let problem = format!("the camera panicked: {}", panic_text(panic.as_ref()));
         Err(CameraError::Unreadable { origin: format!("image {}", moment.image.0), problem })
     });
-    let image = series.map(|series| Taken { sum: series.sum(), series });
     let temperature_c = temperature_of(source.as_mut());
-    Shot { source: Some(source), gain_db, temperature_c, image }
+    Shot { source: Some(source), gain_db, temperature_c, image: series }
+}
+
+/// An image with one more exposure, or with several, which are added to those before on the blocking pool.
+async fn added(mut gathering: Gathering, new: Series) -> Result<Gathering, Ended> {
+    let job = tokio::task::spawn_blocking(move || {
+        let pushed: Result<(), CoaddError> = new.into_exposures().into_iter().try_for_each(|one| gathering.series.push(one));
+        if let Err(error) = pushed {
+            tracing::warn!(image = gathering.stamp.image.0, %error, "an exposure is not added to its image");
+        }
+        gathering
+    });
+    job.await.map_err(|error| Ended(panic_message(error)))
 }
 
 /// The camera's temperature; a driver that panics over it offers none, and the image is there all the same.

@@ -350,7 +350,7 @@ impl Replay {
         let exposures: Vec<Frame> = solved.exposures.iter().map(exposure).collect::<Result<_, String>>()?;
         let series = Series::new(exposures).map_err(|error| error.to_string())?;
         let sum = series.sum();
-        let exposures: Vec<Arc<Frame>> = series.into_exposures().into_iter().map(Arc::new).collect();
+        let exposures = series.into_exposures();
         let mut frame = sum.or_else(|| exposures.first().map(|first| Frame::clone(first))).ok_or("it has no exposure")?;
         (frame.stamp, frame.full_scale) = (solved.stamp.clone(), solved.full_scale);
         Ok((frame, exposures))

@@ -102,6 +102,8 @@ pub(super) const RULES: &[Rule] = &[
     number("camera.gain_db", "dB", -50.0, 100.0),
     word("camera.pixel_format", Kind::Choice(PIXEL_FORMATS)),
     word("camera.features", Kind::OptionalText { max: 4096 }),
+    whole("camera.series_exposures", "", 1, 16),
+    number("camera.series_s", "s", 0.1, 10.0),
     switch("camera.stack_parts"),
     switch("camera.repeat"),
     number("camera.startup_delay_s", "s", 0.0, 3600.0),

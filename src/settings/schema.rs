@@ -173,6 +173,10 @@ pub struct CameraSettings {
     pub pixel_format: PixelFormat,
     /// More of its features, `Name=value` one after the other.
     pub features: String,
+    /// Exposures of an image, at most where others trigger them.
+    pub series_exposures: u32,
+    /// Time from the first exposure of a series to the last, where others trigger them, s.
+    pub series_s: f64,
     /// Images `<stem>_p0…_p3` of one series are co-added.
     pub stack_parts: bool,
     /// Start again with the first image after the last.

@@ -1,7 +1,7 @@
 //! Times: UTC as a stamp that may be wrong.
 
-/// How far a clock can be believed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+/// How far a clock can be believed, the least first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ClockQuality {
     /// Nobody set it.

@@ -27,10 +27,9 @@ pub fn command_table() -> String {
             })
             .collect();
         let flown = if definition.flown.is_empty() { String::new() } else { format!("`{}`", definition.flown) };
-        let absent = if definition.available { "" } else { " *Not available yet.*" };
         let _ = writeln!(
             text,
-            "| {} | `{}` | {} | {armed} | {flown} | {}{absent} |",
+            "| {} | `{}` | {} | {armed} | {flown} | {} |",
             definition.code,
             definition.name,
             values.join("<br>"),

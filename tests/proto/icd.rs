@@ -123,7 +123,7 @@ fn commands() -> Vec<Value> {
     let command = |definition: &Definition| {
         json!({
             "code": definition.code, "name": definition.name, "meaning": definition.meaning,
-            "armed": format!("{:?}", definition.hazard), "available": definition.available,
+            "armed": format!("{:?}", definition.hazard),
             "values": definition.parameters.iter().map(parameter).collect::<Vec<_>>(),
         })
     };

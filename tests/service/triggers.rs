@@ -1,10 +1,17 @@
 //! A camera that others trigger: an image for each trigger, by itself when none comes, and back when they return.
 
+use crate::commands::Ground;
 use crate::support::*;
-use stars::image::ExposedBy;
-use stars::service::{CameraState, Parts};
-use stars::settings::Trigger;
+use stars::camera::{CameraError, LinePulses, Moment, SimulatedLine, Source};
+use stars::command::Stage;
+use stars::image::{ExposedBy, Series, read};
+use stars::service::{CameraState, MakeSolver, MakeSource, Parts, Running};
+use stars::settings::{CameraKind, Settings, Trigger};
+use stars::solve::{Outcome, Reason};
 use stars::wire::{Status, Update};
+use std::path::Path;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::time::Instant;
 
@@ -86,4 +93,116 @@ async fn a_camera_that_is_to_wait_for_ever_does_and_one_that_nobody_triggers_is_
         let images = state.counters.frames_taken;
         assert_eq!(images > 100, trigger == Trigger::Software, "{images} images of {trigger:?}");
     }
+}
+
+/// Settings of a camera that gives series of three, kept in a directory.
+fn series_of_three(trigger: Trigger, directory: &Path) -> Settings {
+    let mut settings = settings();
+    // It has its own line, as a real one.
+    (settings.camera.kind, settings.camera.trigger, settings.camera.trigger_timeout_s) = (CameraKind::Aravis, trigger, 0.0);
+    (settings.camera.series_exposures, settings.camera.series_s, settings.camera.period_s) = (3, 0.3, 0.1);
+    (settings.record.enabled, settings.record.images, settings.record.reserve_gib) = (true, true, 0.0);
+    settings.record.directory = directory.display().to_string();
+    settings
+}
+
+/// A camera with a line of its own, on which so many pulses were sent by now.
+fn on_line(pulses: &Arc<AtomicU32>) -> Option<MakeSource> {
+    let (make, pulses) = (plain_camera()?, Arc::clone(pulses));
+    Some(Arc::new(move || {
+        let pulses = Arc::clone(&pulses);
+        let told = Box::new(move || Some(LinePulses { boot: 1, count: pulses.load(Ordering::Relaxed) }));
+        Ok(Box::new(SimulatedLine::new(make()?, told)) as Box<dyn Source>)
+    }))
+}
+
+/// A solver that says how many exposures it had.
+fn counts_exposures() -> MakeSolver {
+    solver(|frame, _, _| Outcome::unsolved(frame.stamp.clone(), Reason::NoMatch, format!("{}", frame.stamp.exposures.max(1))))
+}
+
+/// What an image ended with.
+async fn ended(running: &Running, image: u32) -> String {
+    let mut state = running.state.clone();
+    let of = |finished: &stars::service::Finished| finished.outcome.stamp.image.0 == image;
+    let seen = state.wait_for(|state| state.latest.as_deref().is_some_and(of));
+    let state = tokio::time::timeout(PATIENCE, seen).await.expect("it never ended").unwrap().clone();
+    state.latest.as_ref().unwrap().outcome.detail.clone()
+}
+
+/// The exposures that were kept, by image and place.
+fn kept(directory: &Path) -> Vec<(u32, Option<u8>)> {
+    let entries = |directory: &Path| std::fs::read_dir(directory).into_iter().flatten().map(|entry| entry.unwrap().path());
+    let files = entries(&directory.join("images")).flat_map(|day| entries(&day).collect::<Vec<_>>());
+    let stamp = |file: std::path::PathBuf| read("kept", &std::fs::read(file).unwrap()).unwrap().stamp;
+    let mut kept: Vec<_> = files.map(stamp).map(|stamp| (stamp.image.0, stamp.part)).collect();
+    kept.sort_unstable();
+    kept
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn triggers_within_the_time_of_a_series_make_one_image_and_a_command_sets_that_time() {
+    let directory = tempfile::tempdir().unwrap();
+    let pulses = Arc::new(AtomicU32::new(0));
+    let trigger = |more: u32| pulses.fetch_add(more, Ordering::Relaxed);
+    let pause = |ms: u64| tokio::time::sleep(Duration::from_millis(ms));
+    let settings = series_of_three(Trigger::Line0, directory.path());
+    let running = start(settings, Parts { camera: on_line(&pulses), solver: counts_exposures(), lens: None }).await;
+    let mut ground = Ground::of(&running, 1, true);
+    running.state.clone().wait_for(|state| state.camera == CameraState::Waiting).await.unwrap();
+    trigger(3);
+    assert_eq!(ended(&running, 0).await, "3");
+    trigger(1);
+    pause(50).await;
+    trigger(1);
+    assert_eq!(ended(&running, 1).await, "2", "no third came in time");
+    trigger(1);
+    pause(700).await;
+    trigger(1);
+    assert_eq!(ended(&running, 2).await, "1");
+    assert_eq!(ended(&running, 3).await, "1", "the second came too late");
+    let (_, reply) = ground.run("camera.set_series 9").await;
+    assert_eq!(reply.stage.get(), Some(Stage::Completed), "{reply:?}");
+    trigger(1);
+    pause(700).await;
+    trigger(3);
+    assert_eq!(ended(&running, 4).await, "3", "what came after 0.7 s belongs to it now");
+    // The last waits for others when the program ends.
+    running.state.clone().wait_for(|state| state.counters.next_image.0 == 6).await.unwrap();
+    running.stop().await;
+    let of = |image: u32, exposures: u8| (0..exposures).map(move |place| (image, Some(place)));
+    let wanted: Vec<_> = [(0, 3), (1, 2), (2, 1), (3, 1), (4, 3), (5, 1)].into_iter().flat_map(|(i, n)| of(i, n)).collect();
+    assert_eq!(kept(directory.path()), wanted);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_camera_that_is_asked_makes_whole_series_and_what_breaks_off_is_an_image_of_what_came() {
+    struct Breaks(u32);
+    impl Source for Breaks {
+        fn next(&mut self, _: &Moment) -> Result<Series, CameraError> {
+            self.0 += 1;
+            match self.0 {
+                6 => Err(CameraError::Unavailable("it is away".to_owned())),
+                11 => panic!("it breaks"),
+                _ => Ok(frame().into()),
+            }
+        }
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let settings = series_of_three(Trigger::Software, directory.path());
+    let camera: MakeSource = Arc::new(|| Ok(Box::new(Breaks(0)) as Box<dyn Source>));
+    let seen = Arc::new(Mutex::new(Vec::new()));
+    let notes = Arc::clone(&seen);
+    let solver = solver(move |frame, _, _| {
+        notes.lock().unwrap().push((frame.stamp.image.0, frame.stamp.exposures.max(1)));
+        no_match(&frame.stamp)
+    });
+    let running = start(settings, Parts { camera: Some(camera), solver, lens: None }).await;
+    running.state.clone().wait_for(|state| state.counters.next_image.0 >= 7).await.unwrap();
+    running.stop().await;
+    // Calls 1 to 3; 4 and 5, then it is away; 7 to 9; 10, then it breaks over image 4; 12 to 14.
+    assert_eq!(seen.lock().unwrap().get(..5), Some([(0, 3), (1, 2), (2, 3), (3, 1), (5, 3)].as_slice()));
+    let kept = kept(directory.path());
+    let of = |image: u32| kept.iter().filter(|(of, _)| *of == image).map(|(_, place)| place.unwrap()).collect::<Vec<_>>();
+    assert_eq!([1, 2, 3, 4].map(of), [vec![0, 1], vec![0, 1, 2], vec![0], vec![]]);
 }
