@@ -7,7 +7,7 @@ use serde_json::Value;
 use stars::camera::CameraError;
 use stars::catalog::Catalogue;
 use stars::image::ImageCounter;
-use stars::service::{Actor, Doors, PageSocket, Parts, Running, Upset, start_with};
+use stars::service::{Actor, Doors, PageSocket, Parts, Running, Shed, Upset, start_with};
 use stars::settings::Settings;
 use stars::simulate::sky::{Kind, RenderSpec, render};
 use stars::wire::Status;
@@ -406,5 +406,29 @@ async fn one_asks_at_a_time_and_whoever_goes_away_leaves_nothing_behind() {
         }
     };
     timeout(PATIENCE, taken).await.expect("the first one's place is never free");
+    running.stop().await;
+}
+
+#[tokio::test]
+async fn a_computer_without_time_for_all_of_its_work_does_no_replay_and_says_when_to_ask_again() {
+    let directory = tempfile::tempdir().unwrap();
+    let parts = Parts { camera: camera_of_steps(&Arc::new(AtomicU32::new(2)), 1), solver: patient(&Arc::default()), lens: None };
+    let mut settings = keeping(directory.path());
+    settings.network.update_period_s = 0.1;
+    let running = with_page(settings, parts).await;
+    let address = running.page.address().unwrap();
+    written(&running, 2).await;
+    assert_eq!(get(address, "/replay").await.status, 200);
+    let mut peer = Peer::attach(&running, 1 << 16).await.greet(1).await;
+    // All that runs here shares one thread, which is held up until updates are late.
+    while running.state.borrow().strain.shed() < Shed::Display {
+        std::thread::sleep(Duration::from_millis(150));
+        peer.status(Status::default()).await;
+        peer.update().await;
+    }
+    let refused = get(address, "/replay").await;
+    let words = refused.text();
+    assert_eq!((refused.status, refused.head["retry-after"].as_str()), (503, "5"), "{words}");
+    assert!(words.contains("too slow for all of its work"), "{words}");
     running.stop().await;
 }
