@@ -215,7 +215,7 @@ impl Matcher<'_> {
     /// Whether one who knows the truth could show that it is not chance: what no search can do better than.
     fn would_serve(&self, sources: &[PatternSource], truth: &Pose) -> bool {
         let search = PatternSearch::new(self.field, sources, &self.geometry, &self.rules);
-        search.judge(truth, self.rules.min_matched).is_some_and(|hypothesis| search.is_beyond_doubt(&hypothesis))
+        search.judge(truth, self.rules.min_matched).is_some_and(|hypothesis| self.rules.are_met_by(&hypothesis))
     }
 
     /// Whether a pose puts the picture's centre and corners where the truth does.

@@ -32,7 +32,10 @@ pub struct Moved {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Along<'a> {
     motion: &'a Motion,
-    trails: &'a [Trail],
+    pub exposures: &'a [&'a Frame],
+    /// The statistics of each exposure.
+    pub cells: &'a [CellStatistics],
+    pub trails: &'a [Trail],
     /// The plate scale that they were made for, rad/px.
     platescale: f64,
 }
@@ -144,10 +147,11 @@ impl Solver {
         platescale: f64,
         outcome: &mut Outcome,
     ) -> bool {
-        let context = &Context { along: Some(Along { motion: &moved.motion, trails, platescale }), ..context.clone() };
+        let exposures: Vec<&Frame> = moved.exposures.iter().map(|exposure| &**exposure).collect();
+        let along = Along { motion: &moved.motion, exposures: &exposures, cells, trails, platescale };
+        let context = &Context { along: Some(along), ..context.clone() };
         let watch = search.watch;
         let started = watch.elapsed();
-        let exposures: Vec<&Frame> = moved.exposures.iter().map(|exposure| &**exposure).collect();
         let settings = self.settings().clone();
         let (masked, keep_on) = (search.masked(), search.keep_on());
         let look = Look { settings: &settings.solver.sources, masked: &masked, keep_on: &keep_on };

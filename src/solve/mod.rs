@@ -28,6 +28,7 @@ mod sharpen;
 mod solver;
 mod track;
 mod tracked;
+mod unseen;
 mod verify;
 mod wcs;
 mod window;

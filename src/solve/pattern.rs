@@ -46,6 +46,13 @@ pub struct SearchRules<'a> {
     pub stop: &'a dyn Fn() -> Option<Stop>,
 }
 
+impl SearchRules<'_> {
+    /// Whether chance does not explain a hypothesis.
+    pub fn are_met_by(&self, hypothesis: &Hypothesis) -> bool {
+        hypothesis.false_ln <= self.max_false_ln && hypothesis.matches.len() >= self.min_matched
+    }
+}
+
 /// How a search ended.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SearchEnd {
@@ -266,7 +273,7 @@ impl<'a> PatternSearch<'a> {
     fn verified(&mut self, pose: &Pose, min_matched: usize) -> Option<SearchEnd> {
         self.tally.verified += 1;
         let hypothesis = self.judge(pose, min_matched)?;
-        if self.is_beyond_doubt(&hypothesis) {
+        if self.rules.are_met_by(&hypothesis) {
             return Some(SearchEnd::Found(hypothesis));
         }
         if self.best.as_ref().is_none_or(|best| hypothesis.false_ln < best.false_ln) {
@@ -283,11 +290,6 @@ impl<'a> PatternSearch<'a> {
         let ln_searched = region.map_or(0.0, |(fraction, _)| fraction.ln());
         hypothesis.false_ln = ln_searched - hypothesis.ln_peak - hypothesis.log_odds;
         Some(hypothesis)
-    }
-
-    /// Whether chance does not explain a hypothesis.
-    pub fn is_beyond_doubt(&self, hypothesis: &Hypothesis) -> bool {
-        hypothesis.false_ln <= self.rules.max_false_ln && hypothesis.matches.len() >= self.rules.min_matched
     }
 
     /// Keeps the last triangles for the display, each once however many labellings it has.

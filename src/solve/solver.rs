@@ -5,6 +5,7 @@ use super::diagnose::Seen;
 use super::pattern::{MAX_SOURCES, PatternSearch, SearchEnd, SearchRules, SearchTally};
 use super::requirements::{self, Circle};
 use super::track::Region;
+use super::unseen::ln_of_unseen;
 use super::verify::{FrameGeometry, Hypothesis, PatternSource};
 use super::{Cause, FoundBy, Moved, Outcome, Part, Prior, Reason, SearchMode, SourceReport, Statistics, Stop, Watch};
 use crate::catalog::{Catalogue, Field, FieldKey};
@@ -412,9 +413,16 @@ impl Solver {
             region_only: settings.prior_veto && !context.circles.is_empty(),
             stop: &|| context.watch.stop(),
         };
-        let (end, tally) = PatternSearch::new(context.field, tried, &context.geometry, &rules).run();
+        let (mut end, tally) = PatternSearch::new(context.field, tried, &context.geometry, &rules).run();
         outcome.times.match_ += context.watch.elapsed() - started;
         note_tally(outcome, tally);
+        // What sources leave in doubt the light of the other stars decides.
+        if let (Some(along), SearchEnd::Exhausted(Some(best)) | SearchEnd::Budget(Some(best))) = (&context.along, &mut end) {
+            best.false_ln -= ln_of_unseen(context, along, tried, best);
+            if rules.are_met_by(best) {
+                end = SearchEnd::Found(best.clone());
+            }
+        }
         match end {
             SearchEnd::Found(hypothesis) => {
                 let started = context.watch.elapsed();

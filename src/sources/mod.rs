@@ -21,4 +21,4 @@ pub use blur::Figure;
 pub use finder::{Finder, Look, Source};
 pub use kernel::SearchKernel;
 pub use light::{KnownStar, Light, PIECE_SHARE, PlacedStar, REACH_PX};
-pub use motion::{Stretch, Trail, Trailed, shares_along};
+pub use motion::{Stretch, Trail, Trailed, light_along, shares_along};

@@ -41,13 +41,14 @@ fn place(peak: &Peak) -> (f64, f64) {
 /// Signal over noise of a star at a peak, against the sky beside its trails.
 pub(super) fn contrast(exposed: &[Exposed<'_>], peak: &Peak) -> f32 {
     let (x, y) = place(peak);
-    let (mut data, mut squares) = (0.0, 0.0);
-    for window in exposed.iter().filter_map(|exposed| Window::around(exposed, x, y)) {
-        let (flux, information) = window.flux_at(x, y);
-        data += flux;
-        squares += information;
-    }
-    (data / squares.max(f64::MIN_POSITIVE).sqrt()) as f32
+    let (light, information) = light_at(exposed, x, y);
+    (light / information.max(f64::MIN_POSITIVE).sqrt()) as f32
+}
+
+/// The light of a star at a place at the origin, px, and the information of it.
+pub(super) fn light_at(exposed: &[Exposed<'_>], x: f64, y: f64) -> (f64, f64) {
+    let windows = exposed.iter().filter_map(|exposed| Window::around(exposed, x, y));
+    windows.map(|window| window.flux_at(x, y)).fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1))
 }
 
 /// How bright these stars are in each exposure, as a part of how bright all exposures together say that they are, with its σ: each at its

@@ -196,6 +196,20 @@ pub fn shares_along(
     fit::shares(&exposed.collect::<Vec<_>>(), stars)
 }
 
+/// What the exposures say of a star at each of some places at the origin of the trails, px: its light as the matched filter of its trails
+/// gathers it, and the information of that; the first over the second is its flux, whose σ is one over the root of the second. Nought where
+/// it is not on the picture.
+pub fn light_along(
+    exposures: &[&Frame],
+    cells: &[CellStatistics],
+    trails: &[Trail],
+    places: impl Iterator<Item = (f64, f64)>,
+) -> Vec<(f64, f64)> {
+    let exposed = exposures.iter().zip(cells).zip(trails).map(|((frame, cells), trail)| Exposed::new(frame, cells, trail));
+    let exposed: Vec<Exposed<'_>> = exposed.collect();
+    places.map(|(x, y)| fit::light_at(&exposed, x, y)).collect()
+}
+
 /// The part of the sources of a signal over noise that noise makes. It makes `peaks` · s exp(−s²/2) peaks higher than s, as the maxima of a
 /// smooth Gaussian field are counted (Adler, The Geometry of Random Fields, 1981, chapter 6), where s is high; here they are counted by
 /// the step of s.

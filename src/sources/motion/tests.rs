@@ -95,3 +95,30 @@ fn the_signal_of_several_exposures_grows_with_their_root() {
     let gain = snr(4) / snr(1);
     assert!((gain / 2.0 - 1.0).abs() < 0.1, "{gain}");
 }
+
+#[test]
+fn the_light_of_stars_too_faint_to_be_found_is_where_they_are_and_elsewhere_is_noise_as_it_is_said_to_be() {
+    const FLUX: f64 = 150.0;
+    let places: Vec<(f64, f64)> = (0..20).map(|i| (50.0 + 50.0 * f64::from(i % 5), 45.0 + 50.0 * f64::from(i / 5))).collect();
+    let stars: Vec<(f64, f64, f64)> = places.iter().map(|(x, y)| (*x, *y, FLUX)).collect();
+    let trails = [trail((0.0, 0.0), (12.0, 5.0), 0.5, 0.0), trail((16.0, 7.0), (26.0, 10.0), 0.5, 0.002)];
+    let frames = expose(&trails, &stars);
+    let mut cells = vec![CellStatistics::default(); frames.len()];
+    cells.iter_mut().zip(&frames).for_each(|(cells, frame)| cells.measure(frame, None));
+    let exposures: Vec<&Frame> = frames.iter().collect();
+    let tell = |dx: f64, dy: f64| light_along(&exposures, &cells, &trails, places.iter().map(move |(x, y)| (x + dx, y + dy)));
+    let mean = |light: &[(f64, f64)]| {
+        let (data, information) = light.iter().fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+        (data / information, 1.0 / information.sqrt())
+    };
+    let (flux, sigma) = mean(&tell(0.0, 0.0));
+    assert!(FLUX / sigma < 2.5 * (places.len() as f64).sqrt(), "each alone is too faint to be found");
+    assert!((flux - FLUX).abs() < 3.0 * sigma, "{flux} ± {sigma}");
+    let beside: Vec<(f64, f64)> = [(-4.0, 24.0), (6.0, -22.0), (2.0, 26.0)].iter().flat_map(|(dx, dy)| tell(*dx, *dy)).collect();
+    let (flux, sigma) = mean(&beside);
+    assert!(flux.abs() < 3.0 * sigma, "{flux} ± {sigma}");
+    let chi2 = beside.iter().map(|(light, information)| light * light / information).sum::<f64>() / beside.len() as f64;
+    assert!((0.6..1.5).contains(&chi2), "{chi2}");
+    let outside = light_along(&exposures, &cells, &trails, [(-500.0, 90.0)].into_iter());
+    assert_eq!(outside, [(0.0, 0.0)]);
+}
