@@ -43,8 +43,8 @@ const RETRY: Duration = Duration::from_millis(200);
   stars demo --set lens.simulated.faults='5s power_cycle 2s, 20s vanished 5s'
   stars demo --set simulate.kind=dense --set simulate.seed=7 --set camera.period_s=1
 Every fourth image is a series of four exposures during which the gondola scans on; it is solved along the trails of its stars, by the
-rates that the flight computer in charge sends. Unless they are set, a frame comes every 2 s, any free port is taken, and nothing is kept on disk. Exits 0 if solutions came,
-none was wrong, and both flight computers got each of them (which frames that come faster than updates can't); 1 if not.")]
+rates that the flight computer in charge sends. Unless they are set, a frame comes every 2 s, any free port is taken, and nothing is kept
+on disk. Exits 0 if solutions came, none was wrong, and both flight computers got each of them (which frames that come faster than updates can't); 1 if not.")]
 pub struct Args {
     /// End by itself after this time, such as 30s
     #[arg(long, value_name = "TIME", value_parser = parse_span)]

@@ -134,3 +134,30 @@ async fn a_replay_gives_way_to_each_live_frame_and_still_ends() {
     assert_eq!((counters.frames_taken, counters.frames_skipped), (5, 0));
     running.stop().await;
 }
+
+#[tokio::test]
+async fn a_replay_that_live_frames_leave_no_time_is_given_up() {
+    let directory = tempfile::tempdir().unwrap();
+    let allowed = Arc::new(AtomicU32::new(2));
+    let (go_on, wait) = std::sync::mpsc::channel::<()>();
+    let wait = std::sync::Mutex::new(wait);
+    // The third frame takes as long as it is let.
+    let solver = solver(move |frame: &Frame, _, _| {
+        if frame.stamp.image.0 == 2 {
+            let _ = wait.lock().unwrap().recv();
+        }
+        no_match(&frame.stamp)
+    });
+    let running = start(keeping(directory.path()), Parts { camera: camera_of_steps(&allowed, 1), solver, lens: None }).await;
+    written(&running, 2).await;
+    allowed.store(3, Ordering::Relaxed);
+    running.state.clone().wait_for(|state| state.solving.is_some()).await.unwrap();
+    let replayer = running.replayer();
+    let given_up = tokio::spawn(async move { replayer.run(2, Vec::new()).await });
+    // It begins, and waits. Then all its time goes by at once: whatever else that wakes, none is left for it.
+    tokio::task::yield_now().await;
+    tokio::time::pause();
+    tokio::time::advance(Duration::from_secs(301)).await;
+    assert_eq!(given_up.await.unwrap(), Err(ReplayError::NoTime));
+    drop(go_on);
+}

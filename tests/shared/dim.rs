@@ -2,9 +2,9 @@
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
 use stars::catalog::Catalogue;
 use stars::image::{Frame, coadd};
+use stars::simulate::measured;
 use stars::simulate::sky::{Kind, Part, RenderSpec, render};
 use stars::sky::{ARCSEC, Attitude, DEG, Vec3};
 use stars::solve::Motion;
@@ -60,12 +60,7 @@ pub fn draw(catalogue: &Catalogue, seed: u64, index: u64, gyro_noise: f64) -> Dr
         .collect();
     let exposures = (0..count).map(|k| (LEAD_S + k as f64 * (EXPOSURE_S + GAP_S), EXPOSURE_S)).collect();
     let truth = Motion { rates, sample_rate_hz: SAMPLE_HZ, exposures, elevation, roll, drift: gyro_noise * ARCSEC };
-    let sigma = gyro_noise * ARCSEC * SAMPLE_HZ.sqrt();
-    let mut noisy = |rate: f64| -> f64 {
-        let noise: f64 = StandardNormal.sample(&mut random);
-        rate + sigma * noise
-    };
-    let measured = Motion { rates: truth.rates.iter().map(|(az, el)| (noisy(*az), noisy(*el))).collect(), ..truth.clone() };
+    let measured = measured(&truth, gyro_noise * ARCSEC, &mut random);
     let wanted = random.random_range(STARS.0..=STARS.1);
     let turns = |k: usize| -> Vec<Vec3> {
         let (start, length) = truth.exposures[k];
