@@ -18,7 +18,7 @@ use stars::catalog::Catalogue;
 use stars::settings::Settings;
 use stars::simulate::Judged;
 use stars::sky::ARCSEC;
-use stars::solve::{AttitudePrior, Moved, Outcome, Prior, Reason, Report, SearchMode, Solver};
+use stars::solve::{AttitudePrior, Exposures, Outcome, Prior, Reason, Report, SearchMode, Solver};
 use std::sync::Arc;
 
 /// Measures solving along trails
@@ -94,15 +94,16 @@ fn main() {
     let (mut along, mut told, mut plain) = (Tally::default(), Tally::default(), Tally::default());
     for index in args.first..args.first + args.series {
         let drawn = draw(&catalogue, args.seed, index, args.gyro_noise);
-        let moved = Moved { exposures: drawn.exposures.clone(), motion: Arc::new(drawn.measured.clone()) };
+        let moved = Exposures { exposures: drawn.exposures.clone(), motion: Some(Arc::new(drawn.measured.clone())) };
         solver.prepare(drawn.sum.width, drawn.sum.height);
-        let (with, ms) = timed(|| solver.solve_moved(&drawn.sum, &moved, &Prior::default(), &CpuWatch));
+        let (with, ms) = timed(|| solver.solve_series(&drawn.sum, &moved, &Prior::default(), &CpuWatch));
         let a = along.add(&with, ms, &drawn, &catalogue);
         let attitude = AttitudePrior { attitude: drawn.middle, sigma: TOLD.0, sigma_roll: TOLD.1 };
         let prior = Prior { attitude: Some(attitude), ..Prior::default() };
-        let (with_prior, ms) = timed(|| solver.solve_moved(&drawn.sum, &moved, &prior, &CpuWatch));
+        let (with_prior, ms) = timed(|| solver.solve_series(&drawn.sum, &moved, &prior, &CpuWatch));
         let c = told.add(&with_prior, ms, &drawn, &catalogue);
-        let (without, ms) = timed(|| solver.solve(&drawn.sum, &Prior::default(), &CpuWatch));
+        let unknown = Exposures { motion: None, ..moved };
+        let (without, ms) = timed(|| solver.solve_series(&drawn.sum, &unknown, &Prior::default(), &CpuWatch));
         let b = plain.add(&without, ms, &drawn, &catalogue);
         let turn = drawn.truth.track().turn_to_middle().norm() / ARCSEC;
         println!(

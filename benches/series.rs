@@ -16,7 +16,7 @@ use stars::settings::Settings;
 use stars::simulate::Judged;
 use stars::simulate::sky::{Kind, Part, RenderSpec, Truth, render};
 use stars::sky::Vec3;
-use stars::solve::{Outcome, Prior, Reason, Report, Solver};
+use stars::solve::{Exposures, Outcome, Prior, Reason, Report, Solver};
 use std::sync::Arc;
 
 /// Measures what several exposures gain
@@ -53,8 +53,15 @@ struct Tally {
 }
 
 impl Tally {
-    fn solve(&mut self, solver: &mut Solver, frame: &Frame, truth: &Truth, catalogue: &Catalogue) -> Outcome {
-        let (outcome, ms) = timed(|| solver.solve(frame, &Prior::default(), &CpuWatch));
+    fn solve(
+        &mut self,
+        solver: &mut Solver,
+        (frame, exposures): (&Frame, &[Arc<Frame>]),
+        truth: &Truth,
+        catalogue: &Catalogue,
+    ) -> Outcome {
+        let exposures = Exposures { exposures: exposures.to_vec(), motion: None };
+        let (outcome, ms) = timed(|| solver.solve_series(frame, &exposures, &Prior::default(), &CpuWatch));
         self.times.push(ms);
         if outcome.reason == Reason::Solved {
             self.solved += 1;
@@ -86,10 +93,11 @@ fn main() {
         let rendered: Vec<_> = (0..EXPOSURES).map(|place| render(&spec(place), &catalogue).unwrap()).collect();
         let truth = rendered.first().unwrap().truth.clone();
         let series = Series::new(rendered.into_iter().map(|rendered| rendered.frame).collect()).unwrap();
-        let (single, sum) = (series.exposures().first().unwrap(), series.sum().unwrap());
+        let (sum, exposures) = series.into_sum();
+        let (single, sum) = (exposures.first().unwrap(), sum.unwrap());
         solver.prepare(sum.width, sum.height);
-        let alone = one.solve(&mut solver, single, &truth, &catalogue);
-        let together = four.solve(&mut solver, &sum, &truth, &catalogue);
+        let alone = one.solve(&mut solver, (single, std::slice::from_ref(single)), &truth, &catalogue);
+        let together = four.solve(&mut solver, (&sum, &exposures), &truth, &catalogue);
         for source in alone.sources.iter().filter(|source| source.snr >= SURE_SNR && !source.saturated) {
             let near = |x: f64, y: f64| (source.x - x).hypot(source.y - y) < NEAR_PX;
             let like = together.sources.iter().find(|other| near(other.x, other.y));

@@ -185,7 +185,8 @@ mod tests {
             sigma_s: None,
             ask: Ask::Expose,
         })?;
-        Ok(series.sum().unwrap_or_else(|| Frame::clone(&series.exposures()[0])))
+        let (sum, exposures) = series.into_sum();
+        Ok(sum.unwrap_or_else(|| Frame::clone(&exposures[0])))
     }
 
     /// Names of the next frames until there is nothing new.

@@ -158,7 +158,7 @@ impl SimulatedSky {
         let mut frame = rendered.frame;
         moment.date(middle_s, &mut frame.stamp);
         frame.stamp.exposure_s = Some(self.exposure_s);
-        frame.stamp.observer = Some(self.gondola.observer(moment.uptime));
+        frame.stamp.observer = Some(self.gondola.observer(moment.uptime + Duration::from_secs_f64(middle_s)));
         self.truth = Some(rendered.truth);
         Ok(frame)
     }

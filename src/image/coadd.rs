@@ -39,12 +39,18 @@ pub fn coadd<F: Borrow<Frame>>(parts: &[F]) -> Result<Frame, CoaddError> {
 }
 
 /// A running sum of exposures, so that each is added when it comes.
+///
+/// The picture is kept beside the sums from the first exposure on: its memory is new, and to have it takes longer than to fill it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Sum {
     /// The sum of each pixel, ADU; with [`SATURATED`] where it was saturated in any.
     totals: Vec<i32>,
     /// The highest of those that were not.
     highest: i32,
+    /// The sum of the full scales, where each is known.
+    full_scale: Option<u32>,
+    /// The sums in 16 bits, as long as these hold them.
+    pixels: Vec<u16>,
 }
 
 /// Added to the sum of a saturated pixel: so it is below zero, and no other is, for sixteen times 16 bits are 20.
@@ -53,33 +59,45 @@ const SATURATED: i32 = i32::MIN;
 impl Sum {
     /// Of one exposure.
     pub fn of(first: &Frame) -> Self {
-        let mut sum = Self { totals: vec![0; first.pixels.len()], highest: 0 };
+        let number = first.pixels.len();
+        let mut sum = Self { totals: vec![0; number], highest: 0, full_scale: Some(0), pixels: vec![0; number] };
         sum.add(first);
         sum
     }
 
     /// Adds an exposure that is laid out like the first.
     pub fn add(&mut self, part: &Frame) {
-        self.highest = with_vectors(Add { totals: &mut self.totals, part });
+        let add = |sum: u32| Some(sum + u32::from(part.full_scale?));
+        self.full_scale = self.full_scale.and_then(add);
+        let (_, top) = self.divisor_and_top();
+        self.highest = with_vectors(Add { totals: &mut self.totals, pixels: &mut self.pixels, part, top });
+    }
+
+    /// What the sums have to be divided by to fit in 16 bits, and what a saturated pixel has then.
+    fn divisor_and_top(&self) -> (u32, u16) {
+        let highest = self.full_scale.unwrap_or_else(|| self.highest.unsigned_abs());
+        let divisor = highest.div_ceil(u16::MAX.into()).max(1);
+        (divisor, self.full_scale.map_or(u16::MAX, |sum| (sum / divisor) as u16))
     }
 
     /// The sum, which is that of these exposures.
-    pub fn frame<F: Borrow<Frame>>(&self, first: &Frame, others: &[F]) -> Frame {
+    pub fn frame<F: Borrow<Frame>>(self, first: &Frame, others: &[F]) -> Frame {
         let parts = || std::iter::once(first).chain(others.iter().map(F::borrow));
-        let full_scale: Option<u32> = parts().map(|part| part.full_scale.map(u32::from)).sum();
-        let highest = full_scale.unwrap_or_else(|| self.highest.unsigned_abs());
-        let divisor = highest.div_ceil(u16::MAX.into()).max(1);
-        let top = full_scale.map_or(u16::MAX, |sum| (sum / divisor) as u16);
-
         let mut stamp = first.stamp.clone();
         stamp.part = None;
         stamp.captured = middle_utc(parts().map(|part| part.stamp.captured));
         stamp.uptime_s = mean(parts().map(|part| part.stamp.uptime_s));
+        let since_first = stamp.uptime_s.zip(first.stamp.uptime_s).map_or(0.0, |(middle, first)| middle - first);
+        stamp.observer = stamp.observer.map(|observer| observer.after(since_first));
         stamp.exposures = parts().fold(0, |n: u8, part| n.saturating_add(part.stamp.exposures.max(1)));
         stamp.simulated = parts().any(|part| part.stamp.simulated);
         stamp.missing_packets = parts().fold(0, |n: u32, part| n.saturating_add(part.stamp.missing_packets));
         stamp.missed_frames = parts().fold(0, |n: u32, part| n.saturating_add(part.stamp.missed_frames));
-        let pixels = with_vectors(Scale { totals: &self.totals, divisor, top });
+        let (divisor, top) = self.divisor_and_top();
+        let Self { totals, full_scale, mut pixels, .. } = self;
+        if divisor > 1 {
+            with_vectors(Scale { totals: &totals, pixels: &mut pixels, divisor, top });
+        }
         Frame { pixels, full_scale: full_scale.map(|_| top), stamp, ..*first }
     }
 }
@@ -96,10 +114,12 @@ fn mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
     Some(values.iter().sum::<f64>() / values.len() as f64)
 }
 
-/// Adds an exposure to the sums; gives the highest that is not saturated.
+/// Adds an exposure to the sums, and shows them in the picture; gives the highest that is not saturated.
 struct Add<'a> {
     totals: &'a mut [i32],
+    pixels: &'a mut [u16],
     part: &'a Frame,
+    top: u16,
 }
 
 impl Kernel for Add<'_> {
@@ -109,39 +129,33 @@ impl Kernel for Add<'_> {
     fn run(self) -> i32 {
         let full_scale = self.part.full_scale.unwrap_or(u16::MAX);
         let mut highest = 0;
-        for (total, &adu) in self.totals.iter_mut().zip(&self.part.pixels) {
+        for ((total, pixel), &adu) in self.totals.iter_mut().zip(self.pixels).zip(&self.part.pixels) {
             let saturated = if adu >= full_scale { SATURATED } else { 0 };
             // It has room for all: to look whether it overflows would keep vectors from being used.
             *total = total.wrapping_add(i32::from(adu)) | saturated;
             highest = highest.max(*total);
+            *pixel = if *total < 0 { self.top } else { *total as u16 };
         }
         highest
     }
 }
 
-/// Brings the sums to 16 bits.
+/// Brings sums to 16 bits that do not hold them.
 struct Scale<'a> {
     totals: &'a [i32],
+    pixels: &'a mut [u16],
     divisor: u32,
     top: u16,
 }
 
 impl Kernel for Scale<'_> {
-    type Output = Vec<u16>;
+    type Output = ();
 
     #[inline(always)]
-    fn run(self) -> Vec<u16> {
-        let Scale { totals, divisor, top } = self;
-        let mut pixels = vec![0; totals.len()];
-        for (pixel, &total) in pixels.iter_mut().zip(totals) {
-            *pixel = if total < 0 { top } else { total as u16 };
+    fn run(self) {
+        for (pixel, &total) in self.pixels.iter_mut().zip(self.totals) {
+            *pixel = if total < 0 { self.top } else { (total.unsigned_abs() / self.divisor) as u16 };
         }
-        if divisor > 1 {
-            for (pixel, &total) in pixels.iter_mut().zip(totals).filter(|(_, total)| **total >= 0) {
-                *pixel = (total.unsigned_abs() / divisor) as u16;
-            }
-        }
-        pixels
     }
 }
 
@@ -166,7 +180,7 @@ pub(super) fn alike(a: &Frame, b: &Frame) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sky::RowOrder;
+    use crate::sky::{Observer, RowOrder};
 
     fn part(pixels: [u16; 4], full_scale: Option<u16>) -> Frame {
         let mut frame = Frame::new(2, 2, pixels.to_vec(), RowOrder::BottomFirst).unwrap();
@@ -202,6 +216,7 @@ mod tests {
         parts[0].stamp.origin = "first".to_owned();
         parts[1].stamp.exposures = 2;
         parts[2].stamp.simulated = true;
+        parts[0].stamp.observer = Some(Observer { latitude: -1.3, sidereal_time: 1.0 });
         let times = [10.0, 10.5, 12.5].map(|unix_s| Utc::from_unix(1e9 + unix_s).unwrap());
         let qualities = [ClockQuality::Chrony, ClockQuality::FreeRunning, ClockQuality::Chrony];
         for ((part, utc), quality) in parts.iter_mut().zip(times).zip(qualities) {
@@ -211,6 +226,7 @@ mod tests {
         assert_eq!((stamp.origin.as_str(), stamp.exposures, stamp.simulated), ("first", 4, true));
         assert_eq!(stamp.captured, Some((Utc::from_unix(1e9 + 11.0).unwrap(), ClockQuality::FreeRunning)));
         assert_eq!(stamp.uptime_s, Some(11.0));
+        assert_eq!(stamp.observer, parts[0].stamp.observer.map(|observer| observer.after(1.0)), "the sky has turned on");
         parts[1].stamp.captured = None;
         assert_eq!(coadd(&parts).unwrap().stamp.captured, None, "half a time is none");
     }

@@ -7,10 +7,11 @@ use std::sync::Arc;
 /// The exposures of one image, in the order in which they were read out: one to [`MAX_PARTS`], all laid out alike.
 ///
 /// Each is added to a running sum when it comes, so that when the last has come little is left to be done before it is solved.
+/// The sum begins with the second, or with the first where more are [known](Self::expect_more) to come.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
     exposures: Vec<Arc<Frame>>,
-    /// Of all exposures, where there are several.
+    /// Of all exposures, where there are several or more are to come.
     sum: Option<Sum>,
 }
 
@@ -45,6 +46,13 @@ impl Series {
         Ok(())
     }
 
+    /// Begins the sum, while there is time.
+    pub fn expect_more(&mut self) {
+        if let Some(first) = self.exposures.first() {
+            self.sum.get_or_insert_with(|| Sum::of(first));
+        }
+    }
+
     /// Whether an exposure can be put to it.
     pub fn takes(&self, exposure: &Frame) -> bool {
         self.exposures.len() < MAX_PARTS && self.exposures.first().is_some_and(|first| alike(first, exposure))
@@ -55,15 +63,17 @@ impl Series {
         self.exposures.iter_mut().for_each(|exposure| change(&mut Arc::make_mut(exposure).stamp));
     }
 
-    /// All exposures added up, as [`coadd()`](super::coadd()) does; `None` for one that stands alone and is its own sum.
-    pub fn sum(&self) -> Option<Frame> {
-        let (first, others) = self.exposures.split_first()?;
-        self.sum.as_ref().map(|sum| sum.frame(first, others))
-    }
-
     /// The exposures.
     pub fn exposures(&self) -> &[Arc<Frame>] {
         &self.exposures
+    }
+
+    /// All exposures added up, as [`coadd()`](super::coadd()) does, and one after another; no sum for one that stands alone and is its own.
+    pub fn into_sum(self) -> (Option<Frame>, Vec<Arc<Frame>>) {
+        let Self { exposures, sum } = self;
+        let several = exposures.split_first().filter(|(_, others)| !others.is_empty());
+        let frame = several.and_then(|(first, others)| Some(sum?.frame(first, others)));
+        (frame, exposures)
     }
 
     /// The exposures, one after another.
@@ -103,11 +113,13 @@ mod tests {
         let mut series = Series::new((1..=16).map(exposure).collect()).unwrap();
         series.stamp(|stamp| stamp.gain_db = Some(3.0));
         assert!(!series.takes(&exposure(1)), "it is full");
-        let sum = series.sum().unwrap();
-        assert_eq!((sum.pixels[0], sum.stamp.exposures, sum.stamp.part), (136, 16, None));
         let parts: Vec<_> = series.exposures().iter().map(|exposure| exposure.stamp.part).collect();
         assert_eq!(parts, (0..16).map(Some).collect::<Vec<_>>());
         assert!(series.exposures().iter().all(|exposure| exposure.stamp.gain_db == Some(3.0)));
+        let (sum, exposures) = series.into_sum();
+        let sum = sum.unwrap();
+        assert_eq!(exposures.len(), 16);
+        assert_eq!((sum.pixels[0], sum.stamp.exposures, sum.stamp.part), (136, 16, None));
     }
 
     #[test]
@@ -115,10 +127,12 @@ mod tests {
         let mut exposures: Vec<Frame> = [100, 4000, 4095, 7].map(exposure).into();
         exposures.iter_mut().for_each(|exposure| exposure.full_scale = Some(4095));
         let mut series = Series::from(exposures[0].clone());
+        series.expect_more();
+        assert_eq!(series.clone().into_sum().0, None, "one of several is its own sum, while it is alone");
         for (i, exposure) in exposures.iter().enumerate().skip(1) {
             series.push(exposure.clone()).unwrap();
             assert_eq!(series, Series::new(exposures[..=i].to_vec()).unwrap());
-            let (sum, whole) = (series.sum().unwrap(), coadd(series.exposures()).unwrap());
+            let (sum, whole) = (series.clone().into_sum().0.unwrap(), coadd(series.exposures()).unwrap());
             assert_eq!(sum, whole);
             assert_eq!(sum.pixels[0], [100, 4100, 8190 + 4095, 4 * 4095][i], "saturated from the third on");
         }
@@ -132,8 +146,9 @@ mod tests {
     #[test]
     fn one_exposure_is_an_image_that_stands_alone() {
         let series = Series::new(vec![exposure(7)]).unwrap();
-        assert_eq!((series.sum(), series.exposures()[0].stamp.part), (None, None));
         assert_eq!(Series::from(exposure(7)), series);
+        assert_eq!(series.exposures()[0].stamp.part, None);
+        assert_eq!(series.into_sum().0, None);
         assert_eq!(Series::new(Vec::new()), Err(CoaddError::Number(0)));
         assert_eq!(Series::new(vec![exposure(1); 17]), Err(CoaddError::Number(17)));
     }

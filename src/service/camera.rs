@@ -77,6 +77,8 @@ const HANGS: &str = "its driver hangs, time after time";
 const WAIT: Duration = Duration::from_millis(250);
 /// Until the next look at a camera that does not wait by itself. An image comes later by no more than that.
 const LOOK: Duration = Duration::from_millis(3);
+/// No image takes longer from its first exposure to its last.
+const LONGEST_IMAGE: Duration = Duration::from_secs(60);
 /// Until the next look at a camera that is away.
 const AWAY: Duration = Duration::from_secs(1);
 
@@ -320,8 +322,9 @@ impl CameraActor {
             None => {
                 let Some(stamp) = new.exposures().first().map(|exposure| exposure.stamp.clone()) else { return Ok(()) };
                 self.count(&stamp).await;
+                let series = if wanted > 1 { expecting_more(new).await? } else { new };
                 let wait = Duration::try_from_secs_f64(self.state.borrow().settings.camera.series_s).unwrap_or_default();
-                held.gathering = Some(Gathering { series: new, stamp, at, state, until: Instant::now() + wait });
+                held.gathering = Some(Gathering { series, stamp, at, state, until: Instant::now() + wait });
             }
         }
         if place + 1 >= wanted {
@@ -334,15 +337,22 @@ impl CameraActor {
     /// Hands the image that was gathered to the solver: the sum of its exposures.
     async fn hand_on(&self, held: &mut Held) -> Result<(), Ended> {
         let Some(Gathering { series, at, state, .. }) = held.gathering.take() else { return Ok(()) };
-        let summed = tokio::task::spawn_blocking(move || (series.sum(), series.into_exposures()));
+        let summed = tokio::task::spawn_blocking(move || series.into_sum());
         let (sum, exposures) = summed.await.map_err(|error| Ended(panic_message(error)))?;
         let Some(frame) = sum.map(Arc::new).or_else(|| exposures.first().cloned()) else { return Ok(()) };
         held.auto.note(&frame);
-        let prior = state.prior(at, &state.settings.observer);
+        let prior = state.prior(self.middle(&frame, at), &state.settings.observer);
         let captured = Captured { frame, exposures, at, prior, motion: None };
         self.solver.send(captured).await.map_err(|_| Ended("the solver's inbox is gone".to_owned()))?;
         self.set_open(None);
         Ok(())
+    }
+
+    /// The middle of the light of a frame that was asked for at a time; that time, where its stamp has none of this run.
+    fn middle(&self, frame: &Frame, asked: Instant) -> Instant {
+        let uptime = frame.stamp.uptime_s.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+        let middle = uptime.and_then(|uptime| self.clock.started().checked_add(uptime));
+        middle.filter(|middle| (asked..=asked + LONGEST_IMAGE).contains(middle)).unwrap_or(asked)
     }
 
     /// Hands exposures to those who keep them; says where there is no room for one, or no time. They are solved all the same.
@@ -439,6 +449,15 @@ fn shoot(source: Option<Box<dyn Source>>, make: &MakeSource, moment: &Moment, li
     });
     let temperature_c = temperature_of(source.as_mut());
     Shot { source: Some(source), gain_db, temperature_c, image: series }
+}
+
+/// The first of several exposures, with the sum of all begun on the blocking pool.
+async fn expecting_more(mut first: Series) -> Result<Series, Ended> {
+    let job = tokio::task::spawn_blocking(move || {
+        first.expect_more();
+        first
+    });
+    job.await.map_err(|error| Ended(panic_message(error)))
 }
 
 /// An image with one more exposure, or with several, which are added to those before on the blocking pool.

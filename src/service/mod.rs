@@ -89,7 +89,7 @@ pub use kept::Kept;
 pub use keys::Keys;
 pub use lens::{Handle as LensHandle, LensAlone, SimulatedLens, ToLens};
 pub use manager::{Inherited, LinkName, Manager};
-pub use parts::{Parts, PartsError, Stars, load_bad_pixels, load_catalogue, simulated_lens, simulated_sky};
+pub use parts::{Parts, PartsError, Stars, load_bad_pixels, load_catalogue, retouched, simulated_lens, simulated_sky};
 pub use pulse::Upset;
 pub use replay::{Again, Answers, Now, Replay, Tally, Wishes};
 pub use replayer::{ReplayError, Replayer};

@@ -13,7 +13,7 @@ use crate::catalog::{Catalogue, MAX_FILE_BYTES};
 use crate::image::{BadPixels, BadPixelsError, Frame};
 use crate::settings::{CameraKind, LensKind, NO_ARAVIS, Settings};
 use crate::simulate::brighten;
-use crate::solve::{Moved, Outcome, Prior, Report, Solver, Watch};
+use crate::solve::{Exposures, Outcome, Prior, Report, Solver, Watch};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -124,40 +124,52 @@ struct Retouched {
     inner: Box<dyn Solve>,
     bad_pixels: Arc<BadPixels>,
     settings: Arc<Settings>,
+    /// Where the pixels of earlier copies were, one for each frame and exposure at most.
+    memory: Vec<Vec<u16>>,
+}
+
+impl Retouched {
+    /// A copy without bad pixels.
+    fn mended(&mut self, frame: &Frame) -> Frame {
+        let mut copy = frame.copy_in(self.memory.pop().unwrap_or_default());
+        self.bad_pixels.apply(&mut copy);
+        copy
+    }
 }
 
 impl Solve for Retouched {
     fn solve(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome {
-        let Settings { brightness, camera, simulate, .. } = &*self.settings;
+        let settings = Arc::clone(&self.settings);
+        let Settings { brightness, camera, simulate, .. } = &*settings;
         if self.bad_pixels.is_empty() && !brightness.enabled {
             return self.inner.solve(frame, prior, watch);
         }
-        let mut retouched = frame.clone();
-        self.bad_pixels.apply(&mut retouched);
+        let mut retouched = self.mended(frame);
         if brightness.enabled {
             // Another image, other photons.
             let seed = simulate.seed.wrapping_add(u64::from(frame.stamp.image.0));
             brighten(&mut retouched, brightness, camera.ideal_gain_adu_per_e, seed);
         }
-        self.inner.solve(&retouched, prior, watch)
+        let outcome = self.inner.solve(&retouched, prior, watch);
+        self.memory.push(retouched.pixels);
+        outcome
     }
 
-    fn solve_moved(&mut self, frame: &Frame, moved: &Moved, prior: &Prior, watch: &dyn Watch) -> Outcome {
+    fn solve_series(&mut self, frame: &Frame, series: &Exposures, prior: &Prior, watch: &dyn Watch) -> Outcome {
         // Under a sky that is pretended the exposures are not what is seen.
         if self.settings.brightness.enabled {
             return self.solve(frame, prior, watch);
         }
         if self.bad_pixels.is_empty() {
-            return self.inner.solve_moved(frame, moved, prior, watch);
+            return self.inner.solve_series(frame, series, prior, watch);
         }
-        let mended = |frame: &Frame| {
-            let mut frame = frame.clone();
-            self.bad_pixels.apply(&mut frame);
-            frame
-        };
-        let exposures = moved.exposures.iter().map(|exposure| Arc::new(mended(exposure))).collect();
-        let (frame, moved) = (mended(frame), Moved { exposures, motion: Arc::clone(&moved.motion) });
-        self.inner.solve_moved(&frame, &moved, prior, watch)
+        let frame = self.mended(frame);
+        let exposures = series.exposures.iter().map(|exposure| Arc::new(self.mended(exposure))).collect();
+        let series = Exposures { exposures, motion: series.motion.clone() };
+        let outcome = self.inner.solve_series(&frame, &series, prior, watch);
+        let exposures = series.exposures.into_iter().filter_map(|exposure| Arc::try_unwrap(exposure).ok());
+        self.memory.extend(exposures.chain([frame]).map(|frame| frame.pixels));
+        outcome
     }
 
     fn report(&self, outcome: &Outcome) -> Report {
@@ -170,10 +182,11 @@ impl Solve for Retouched {
     }
 }
 
-fn retouched(make: MakeSolver, settings: Arc<Settings>, bad_pixels: Arc<BadPixels>) -> MakeSolver {
+/// Makes solvers that see frames retouched: what `make` makes, behind the camera's bad pixels and the brightness simulator.
+pub fn retouched(make: MakeSolver, settings: Arc<Settings>, bad_pixels: Arc<BadPixels>) -> MakeSolver {
     Arc::new(move || {
         let (inner, bad_pixels, settings) = (make()?, Arc::clone(&bad_pixels), Arc::clone(&settings));
-        Ok(Box::new(Retouched { inner, bad_pixels, settings }) as Box<dyn Solve>)
+        Ok(Box::new(Retouched { inner, bad_pixels, settings, memory: Vec::new() }) as Box<dyn Solve>)
     })
 }
 
@@ -218,8 +231,8 @@ impl Solve for Solver {
         Self::solve(self, frame, prior, watch)
     }
 
-    fn solve_moved(&mut self, frame: &Frame, moved: &Moved, prior: &Prior, watch: &dyn Watch) -> Outcome {
-        Self::solve_moved(self, frame, moved, prior, watch)
+    fn solve_series(&mut self, frame: &Frame, series: &Exposures, prior: &Prior, watch: &dyn Watch) -> Outcome {
+        Self::solve_series(self, frame, series, prior, watch)
     }
 
     fn report(&self, outcome: &Outcome) -> Report {

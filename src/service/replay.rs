@@ -12,7 +12,7 @@ use crate::command::Tick;
 use crate::image::{Frame, ImageCounter, Series, read};
 use crate::journal::{Entry, Exposure, Machine, Machines, OutcomeMark, Seen, Solved, Text, Tracking, What, pixel_sum};
 use crate::settings::{Layers, Settings};
-use crate::solve::{Moved, Outcome, Prior, Rerun, Stop, Watch};
+use crate::solve::{Exposures, Outcome, Prior, Rerun, Stop, Watch};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -324,10 +324,11 @@ impl Replay {
             true => &Rerun::new(solved.window, cancelled),
             false => &InTime { began: Instant::now(), limit, cancelled },
         };
-        let motion = solved.motion.clone().filter(|_| settings.solver.motion.enabled);
-        Ok(match motion {
-            Some(motion) => solver.solve_moved(frame, &Moved { exposures, motion: Arc::new(motion) }, &self.prior, watch),
-            None => solver.solve(frame, &self.prior, watch),
+        let motion = solved.motion.clone().filter(|_| settings.solver.motion.enabled).map(Arc::new);
+        Ok(if motion.is_some() || exposures.len() > 1 {
+            solver.solve_series(frame, &Exposures { exposures, motion }, &self.prior, watch)
+        } else {
+            solver.solve(frame, &self.prior, watch)
         })
     }
 
@@ -349,8 +350,7 @@ impl Replay {
         };
         let exposures: Vec<Frame> = solved.exposures.iter().map(exposure).collect::<Result<_, String>>()?;
         let series = Series::new(exposures).map_err(|error| error.to_string())?;
-        let sum = series.sum();
-        let exposures = series.into_exposures();
+        let (sum, exposures) = series.into_sum();
         let mut frame = sum.or_else(|| exposures.first().map(|first| Frame::clone(first))).ok_or("it has no exposure")?;
         (frame.stamp, frame.full_scale) = (solved.stamp.clone(), solved.full_scale);
         Ok((frame, exposures))

@@ -15,7 +15,7 @@ use super::supervisor::{Ended, panic_message};
 use crate::image::{Frame, ImageCounter};
 use crate::journal::What;
 use crate::settings::Settings;
-use crate::solve::{Motion, Moved, Outcome, Prior, Reason, Report, Stop, Tracker, Watch, Window, Witness};
+use crate::solve::{Exposures, Motion, Outcome, Prior, Reason, Report, Stop, Tracker, Watch, Window, Witness};
 use crate::wire::legacy::Picture;
 use std::collections::BTreeMap;
 use std::pin::pin;
@@ -35,9 +35,9 @@ const LAST_FRAME: Duration = Duration::from_millis(300);
 pub trait Solve: Send + 'static {
     /// Solves one frame.
     fn solve(&mut self, frame: &Frame, prior: &Prior, watch: &dyn Watch) -> Outcome;
-    /// Solves one frame whose motion is known; a stand-in makes no use of it.
-    fn solve_moved(&mut self, frame: &Frame, moved: &Moved, prior: &Prior, watch: &dyn Watch) -> Outcome {
-        let _ = moved;
+    /// Solves one frame that is the sum of several exposures, or whose motion is known; a stand-in makes no use of them.
+    fn solve_series(&mut self, frame: &Frame, exposures: &Exposures, prior: &Prior, watch: &dyn Watch) -> Outcome {
+        let _ = exposures;
         self.solve(frame, prior, watch)
     }
     /// The outcome in the units of the outside, stars named.
@@ -381,9 +381,10 @@ fn work(
     let finished = captured.map(|Captured { frame, exposures, at, prior, motion }| match &mut solver {
         Ok(solver) => {
             let witness = Witness::new(watch);
-            let outcome = match motion {
-                Some(motion) => solver.solve_moved(&frame, &Moved { exposures, motion }, &prior, &witness),
-                None => solver.solve(&frame, &prior, &witness),
+            let outcome = if motion.is_some() || exposures.len() > 1 {
+                solver.solve_series(&frame, &Exposures { exposures, motion }, &prior, &witness)
+            } else {
+                solver.solve(&frame, &prior, &witness)
             };
             window = Some(witness.window());
             let picture = Picture { width: frame.width, height: frame.height, rows: frame.rows };

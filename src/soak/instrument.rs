@@ -7,7 +7,7 @@ use crate::camera::{CameraError, Moment, SimulatedSky, Source};
 use crate::image::{Frame, ImageCounter, Series};
 use crate::service::{MakeSolver, MakeSource, SimulatedLens, Solve, Stars, simulated_sky};
 use crate::settings::Settings;
-use crate::solve::{Moved, Outcome, Part, Prior, Report, Stop, Watch};
+use crate::solve::{Exposures, Outcome, Part, Prior, Report, Stop, Watch};
 use rustix::time::{ClockId, clock_gettime};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -244,8 +244,8 @@ pub fn solver(inner: MakeSolver, faults: &Faults, charger: &Charger) -> MakeSolv
             self.charged(watch, |inner, watch| inner.solve(frame, prior, watch))
         }
 
-        fn solve_moved(&mut self, frame: &Frame, moved: &Moved, prior: &Prior, watch: &dyn Watch) -> Outcome {
-            self.charged(watch, |inner, watch| inner.solve_moved(frame, moved, prior, watch))
+        fn solve_series(&mut self, frame: &Frame, series: &Exposures, prior: &Prior, watch: &dyn Watch) -> Outcome {
+            self.charged(watch, |inner, watch| inner.solve_series(frame, series, prior, watch))
         }
 
         fn report(&self, outcome: &Outcome) -> Report {

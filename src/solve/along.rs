@@ -19,13 +19,13 @@ const MISFIT_PX: f64 = 0.05;
 const LEAST_SHARE: f64 = 0.5;
 const MISSING_SIGMAS: f64 = 4.0;
 
-/// The exposures of a frame, and how the gondola turned during them.
+/// The exposures of a frame, and their motion.
 #[derive(Debug, Clone)]
-pub struct Moved {
+pub struct Exposures {
     /// The exposures whose sum the frame is.
     pub exposures: Vec<Arc<Frame>>,
-    /// The motion.
-    pub motion: Arc<Motion>,
+    /// How the gondola turned during them, where that is known.
+    pub motion: Option<Arc<Motion>>,
 }
 
 /// Trails along which sources were found.
@@ -81,22 +81,22 @@ fn on_sky(attitude: &Attitude) -> Matrix2<f64> {
 }
 
 impl Solver {
-    /// As [`Self::solve`], a frame whose motion is known: the sum of these exposures. Stars are searched along their trails first; where
-    /// that does not solve, or the motion cannot be used, as if it were not known.
-    pub fn solve_moved(&mut self, frame: &Frame, moved: &Moved, prior: &Prior, watch: &dyn Watch) -> Outcome {
-        self.solve_in(frame, prior, watch, (true, self.settings().solver.robust), Some(moved))
+    /// As [`Self::solve`], a frame that is the sum of these exposures. Where its motion is known stars are searched along their trails first;
+    /// where that does not solve, or the motion cannot be used, as if it were not known, and then the stars have to stand still.
+    pub fn solve_series(&mut self, frame: &Frame, exposures: &Exposures, prior: &Prior, watch: &dyn Watch) -> Outcome {
+        self.solve_in(frame, prior, watch, (true, self.settings().solver.robust), Some(exposures))
     }
 
     /// The search along trails; `true` where the frame is done with. Once a solution has told the plate scale, long trails are made anew by
     /// it: the better they fit, the more of the light they gather.
-    pub(super) fn search_along(&mut self, search: &Search<'_>, moved: &Moved, outcome: &mut Outcome) -> bool {
-        let Some(field) = self.field().cloned() else { return false };
+    pub(super) fn search_along(&mut self, search: &Search<'_>, moved: &Exposures, outcome: &mut Outcome) -> bool {
+        let (Some(field), Some(motion)) = (self.field().cloned(), &moved.motion) else { return false };
         let context = self.context(search.frame, search.prior, search.watch, &field);
         let mut cells = vec![CellStatistics::default(); moved.exposures.len()];
         for (cells, exposure) in cells.iter_mut().zip(&moved.exposures) {
             cells.measure(exposure, exposure.full_scale);
         }
-        let trails = moved.motion.check(moved.exposures.len()).and_then(|()| moved.motion.trails(&context.camera));
+        let trails = motion.check(moved.exposures.len()).and_then(|()| motion.trails(&context.camera));
         let mut trails = match trails {
             Ok(trails) => trails,
             Err(error) => {
@@ -105,7 +105,7 @@ impl Solver {
             }
         };
         let before = outcome.clone();
-        let mut done = self.search_trails(search, &context, (moved, &cells, &trails), context.camera.platescale, outcome);
+        let mut done = self.search_trails(search, &context, (moved, motion, &cells, &trails), context.camera.platescale, outcome);
         // A fit that is too poor to serve tells the plate scale all the same.
         let lens =
             outcome.solution.as_ref().or(outcome.candidate.as_ref()).filter(|_| done || outcome.reason == Reason::Requirement);
@@ -113,10 +113,10 @@ impl Solver {
         let reach = trails.iter().map(Trail::reach).fold(0.0, f64::max);
         if let Some((platescale, k1)) = lens
             && reach * (platescale / context.camera.platescale - 1.0).abs() > MISFIT_PX
-            && let Ok(anew) = moved.motion.trails(&CameraModel { platescale, k1, ..context.camera })
+            && let Ok(anew) = motion.trails(&CameraModel { platescale, k1, ..context.camera })
         {
             let mut again = outcome.clone();
-            if self.search_trails(search, &context, (moved, &cells, &anew), platescale, &mut again)
+            if self.search_trails(search, &context, (moved, motion, &cells, &anew), platescale, &mut again)
                 && again.reason == Reason::Solved
             {
                 (trails, *outcome, done) = (anew, again, true);
@@ -143,12 +143,12 @@ impl Solver {
         &mut self,
         search: &Search<'_>,
         context: &Context<'_>,
-        (moved, cells, trails): (&Moved, &[CellStatistics], &[Trail]),
+        (moved, motion, cells, trails): (&Exposures, &Motion, &[CellStatistics], &[Trail]),
         platescale: f64,
         outcome: &mut Outcome,
     ) -> bool {
         let exposures: Vec<&Frame> = moved.exposures.iter().map(|exposure| &**exposure).collect();
-        let along = Along { motion: &moved.motion, exposures: &exposures, cells, trails, platescale };
+        let along = Along { motion, exposures: &exposures, cells, trails, platescale };
         let context = &Context { along: Some(along), ..context.clone() };
         let watch = search.watch;
         let started = watch.elapsed();
@@ -167,7 +167,7 @@ impl Solver {
 }
 
 /// The first exposure from which the stars of a solution are missing.
-fn missing_from(moved: &Moved, cells: &[CellStatistics], trails: &[Trail], outcome: &Outcome) -> Option<usize> {
+fn missing_from(moved: &Exposures, cells: &[CellStatistics], trails: &[Trail], outcome: &Outcome) -> Option<usize> {
     let matches = &outcome.solution.as_ref()?.matches;
     let star = |source: &SourceReport| (source.x, source.y, source.flux);
     let stars: Vec<_> = matches.iter().filter_map(|m| outcome.sources.get(m.source).map(star)).collect();

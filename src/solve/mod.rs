@@ -26,6 +26,7 @@ mod second_look;
 mod served;
 mod sharpen;
 mod solver;
+mod still;
 mod track;
 mod tracked;
 mod unseen;
@@ -33,7 +34,7 @@ mod verify;
 mod wcs;
 mod window;
 
-pub use along::Moved;
+pub use along::Exposures;
 pub use cause::Blur;
 pub use fit::{FitPrior, Pair, Pose};
 pub use joint::{Joint, View, fit_together};

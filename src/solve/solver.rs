@@ -4,10 +4,11 @@ use super::along::Along;
 use super::diagnose::Seen;
 use super::pattern::{MAX_SOURCES, PatternSearch, SearchEnd, SearchRules, SearchTally};
 use super::requirements::{self, Circle};
+use super::still::refuse_moved;
 use super::track::Region;
 use super::unseen::ln_of_unseen;
 use super::verify::{FrameGeometry, Hypothesis, PatternSource};
-use super::{Cause, FoundBy, Moved, Outcome, Part, Prior, Reason, SearchMode, SourceReport, Statistics, Stop, Watch};
+use super::{Cause, Exposures, FoundBy, Outcome, Part, Prior, Reason, SearchMode, SourceReport, Statistics, Stop, Watch};
 use crate::catalog::{Catalogue, Field, FieldKey};
 use crate::image::{CellStatistics, Frame, LevelMeter, Mask};
 use crate::settings::{Settings, SolverSettings};
@@ -54,8 +55,8 @@ pub(super) struct Search<'a> {
     pub prior: &'a Prior,
     pub watch: &'a dyn Watch,
     mask: Option<Mask>,
-    /// Its exposures and how they moved, where that is known.
-    moved: Option<&'a Moved>,
+    /// Its exposures, where it is the sum of several or its motion is known.
+    exposures: Option<&'a Exposures>,
 }
 
 impl Search<'_> {
@@ -170,7 +171,7 @@ impl Solver {
         prior: &Prior,
         watch: &dyn Watch,
         (normal, robust): (bool, bool),
-        moved: Option<&Moved>,
+        exposures: Option<&Exposures>,
     ) -> Outcome {
         let started = watch.elapsed();
         let mut outcome = Outcome::unsolved(frame.stamp.clone(), Reason::NoMatch, "");
@@ -181,7 +182,7 @@ impl Solver {
             match self.mask(frame) {
                 Ok(mask) => {
                     if self.prepare_while(frame.width, frame.height, &|| watch.stop_at(Part::Index).is_none()) {
-                        self.search(&Search { frame, prior, watch, mask, moved }, normal, robust, &mut outcome);
+                        self.search(&Search { frame, prior, watch, mask, exposures }, normal, robust, &mut outcome);
                     } else {
                         stopped(&mut outcome, watch.stop_at(Part::Index).unwrap_or(Stop::Aborted));
                     }
@@ -197,7 +198,8 @@ impl Solver {
     fn search(&mut self, search: &Search<'_>, normal: bool, robust: bool, outcome: &mut Outcome) {
         self.finder.begin(search.frame, &self.cells);
         self.seen = Seen::default();
-        if search.moved.is_some_and(|moved| self.search_along(search, moved, outcome)) {
+        let along = search.exposures.is_some_and(|exposures| self.search_along(search, exposures, outcome));
+        if along {
             // The motion told where to look.
         } else if normal && robust && self.settings.solver.threads > 1 {
             self.search_abreast(search, outcome);
@@ -207,6 +209,9 @@ impl Solver {
                 outcome.mode = SearchMode::Robust;
                 self.search_widely(search, outcome);
             }
+        }
+        if let Some(exposures) = search.exposures.filter(|_| !along) {
+            refuse_moved(exposures, outcome);
         }
         self.diagnose(search, outcome);
     }

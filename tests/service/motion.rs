@@ -4,7 +4,7 @@ use super::support::*;
 use stars::camera::{CameraError, Moment, Source};
 use stars::image::{Frame, Series};
 use stars::service::{MakeSource, Parts, Solve};
-use stars::solve::{Moved, Outcome, Prior, Reason, Report, SearchMode, Watch};
+use stars::solve::{Exposures, Outcome, Prior, Reason, Report, SearchMode, Watch};
 use stars::wire::{Exposure, Gyro, List, Message, Rates, Status, Update};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -33,8 +33,11 @@ impl Solve for Says {
     fn solve(&mut self, frame: &Frame, _: &Prior, _: &dyn Watch) -> Outcome {
         no_match(&frame.stamp)
     }
-    fn solve_moved(&mut self, frame: &Frame, moved: &Moved, _: &Prior, _: &dyn Watch) -> Outcome {
-        let detail = format!("{} exposures of {}", moved.exposures.len(), frame.stamp.exposures);
+    fn solve_series(&mut self, frame: &Frame, series: &Exposures, _: &Prior, _: &dyn Watch) -> Outcome {
+        if series.motion.is_none() {
+            return no_match(&frame.stamp);
+        }
+        let detail = format!("{} exposures of {}", series.exposures.len(), frame.stamp.exposures);
         let mut outcome = Outcome::unsolved(frame.stamp.clone(), Reason::NoMatch, detail);
         outcome.mode = SearchMode::Motion;
         outcome
