@@ -125,12 +125,9 @@ fn main() -> ExitCode {
     let bad_pixels = BadPixels::parse("bad", &list).unwrap();
     let mut failed = false;
     let none = BadPixels::default;
-    for (name, exposures, bad) in [
-        ("one exposure", 1, none()),
-        ("one exposure, 1500 bad pixels", 1, bad_pixels.clone()),
-        ("four exposures, added up", 4, none()),
-        ("four exposures, added up, 1500 bad pixels", 4, bad_pixels),
-    ] {
+    for (name, exposures, bad) in
+        [("one exposure", 1, none()), ("one exposure, 1500 bad pixels", 1, bad_pixels), ("four exposures, added up", 4, none())]
+    {
         let mut taken = runtime.block_on(measure(args.frames, exposures, bad));
         let (middle, most, all) = (quantile(&mut taken, 0.5), quantile(&mut taken, 0.99), quantile(&mut taken, 1.0));
         let passed = most <= WANTED_MS && taken.len() as u32 >= args.frames * 9 / 10;

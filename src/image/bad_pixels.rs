@@ -6,11 +6,15 @@ use std::collections::BTreeSet;
 /// Furthest that a good neighbour is looked for, px.
 const MAX_REACH: usize = 4;
 
+/// Column, and row from the bottom of the picture.
+type Place = (usize, usize);
+
 /// The bad pixels of one detector.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct BadPixels {
-    /// Column, and row from the bottom of the picture.
-    pixels: BTreeSet<(usize, usize)>,
+    pixels: BTreeSet<Place>,
+    /// Row by row, as frames are laid out: each with the good ones of the 8 around it.
+    in_order: Vec<(Place, Vec<Place>)>,
 }
 
 /// A line of a list of bad pixels that cannot be read.
@@ -44,7 +48,10 @@ impl BadPixels {
                 }
             }
         }
-        Ok(Self { pixels })
+        let ring = |place| ring(place, 1).filter(|near| !pixels.contains(near)).collect();
+        let mut in_order: Vec<_> = pixels.iter().map(|&place| (place, ring(place))).collect();
+        in_order.sort_unstable_by_key(|((x, y), _)| (*y, *x));
+        Ok(Self { pixels, in_order })
     }
 
     /// Bad pixels listed.
@@ -62,9 +69,10 @@ impl BadPixels {
     /// outside the image, or without a good one near it, is left alone.
     pub fn apply(&self, frame: &mut Frame) -> usize {
         let mut replaced = 0;
-        for &place in &self.pixels {
-            let median = (1..=MAX_REACH).find_map(|reach| self.median_of_ring(frame, place, reach));
-            let at = place_of(frame, place);
+        for (place, around) in &self.in_order {
+            let further = |reach| median(frame, ring(*place, reach).filter(|near| !self.pixels.contains(near)));
+            let median = median(frame, around.iter().copied()).or_else(|| (2..=MAX_REACH).find_map(further));
+            let at = place_of(frame, *place);
             if let (Some(median), Some(pixel)) = (median, at.and_then(|at| frame.pixels.get_mut(at))) {
                 *pixel = median;
                 replaced += 1;
@@ -72,24 +80,29 @@ impl BadPixels {
         }
         replaced
     }
+}
 
-    /// Median of the good pixels at a Chebyshev distance from a pixel; of an even number, the mean of the middle two.
-    fn median_of_ring(&self, frame: &Frame, (x, y): (usize, usize), reach: usize) -> Option<u16> {
-        let across = |centre: usize| centre.saturating_sub(reach)..=centre.saturating_add(reach);
-        let mut values: Vec<u16> = across(y)
-            .flat_map(|v| across(x).map(move |u| (u, v)))
-            .filter(|&(u, v)| u.abs_diff(x).max(v.abs_diff(y)) == reach && !self.pixels.contains(&(u, v)))
-            .filter_map(|place| frame.pixels.get(place_of(frame, place)?).copied())
-            .collect();
-        values.sort_unstable();
-        let upper = *values.get(values.len() / 2)?;
-        let lower = *values.get((values.len() - 1) / 2)?;
-        Some(upper.midpoint(lower))
-    }
+/// The places at a Chebyshev distance from one.
+fn ring((x, y): Place, reach: usize) -> impl Iterator<Item = Place> {
+    let across = move |centre: usize| centre.saturating_sub(reach)..=centre.saturating_add(reach);
+    let square = across(y).flat_map(move |v| across(x).map(move |u| (u, v)));
+    square.filter(move |(u, v)| u.abs_diff(x).max(v.abs_diff(y)) == reach)
+}
+
+/// Median of a frame's pixels at some places, no more than a ring has; of an even number, the mean of the middle two.
+fn median(frame: &Frame, places: impl Iterator<Item = Place>) -> Option<u16> {
+    let mut values = [0; 8 * MAX_REACH];
+    let there = places.filter_map(|place| frame.pixels.get(place_of(frame, place)?));
+    let count = values.iter_mut().zip(there).map(|(value, adu)| *value = *adu).count();
+    let values = values.get_mut(..count)?;
+    values.sort_unstable();
+    let upper = *values.get(count / 2)?;
+    let lower = *values.get(count.checked_sub(1)? / 2)?;
+    Some(upper.midpoint(lower))
 }
 
 /// Where a pixel of the list is among a frame's; `None` where it is outside.
-fn place_of(frame: &Frame, (x, y): (usize, usize)) -> Option<usize> {
+fn place_of(frame: &Frame, (x, y): Place) -> Option<usize> {
     let row = frame.rows.from_bottom(y, frame.height)?;
     (x < frame.width).then_some(row * frame.width + x)
 }

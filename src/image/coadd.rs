@@ -154,7 +154,8 @@ impl Kernel for Scale<'_> {
     #[inline(always)]
     fn run(self) {
         for (pixel, &total) in self.pixels.iter_mut().zip(self.totals) {
-            *pixel = if total < 0 { self.top } else { (total.unsigned_abs() / self.divisor) as u16 };
+            // As whole numbers would be divided, for both are of few bits; but this is done in vectors.
+            *pixel = if total < 0 { self.top } else { (total as f32 / self.divisor as f32) as u16 };
         }
     }
 }
@@ -208,6 +209,18 @@ mod tests {
         assert_eq!((sum.pixels.as_slice(), sum.full_scale), ([45_000, 65_535, 65_534, 1].as_slice(), Some(65_535)));
         let sum = coadd(&[part([40_000, 65_535, 0, 8], None), part([50_000, 1, 0, 2], None)]).unwrap();
         assert_eq!((sum.pixels.as_slice(), sum.full_scale), ([45_000, 65_535, 0, 5].as_slice(), None));
+    }
+
+    #[test]
+    fn every_sum_is_divided_as_a_whole_number() {
+        for divisor in 2..=16_u32 {
+            let highest = divisor * u32::from(u16::MAX);
+            let totals: Vec<i32> = (0..=highest as i32).collect();
+            let mut pixels = vec![0; totals.len()];
+            with_vectors(Scale { totals: &totals, pixels: &mut pixels, divisor, top: 1 });
+            let whole = |total: i32| (total.unsigned_abs() / divisor) as u16;
+            assert!(pixels.iter().zip(totals).all(|(pixel, total)| *pixel == whole(total)), "by {divisor}");
+        }
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! Most frames are solved before they are written, and are written once. One whose outcome is long in coming is written without it, and
 //! again when it has come: a solver that hangs or breaks costs no frame. Two disks are two archives.
 
+use super::aside::aside;
 use super::hub::ToHub;
 use super::keeper::Backlog;
 use super::state::{Disk, Finished, ImageNews};
@@ -98,10 +99,11 @@ impl Backlog for Images {
 
     fn write_one(&self, now: Instant) -> io::Result<Option<ToHub>> {
         // A store that broke off looks through its directory again.
-        let mut store = self.store.lock().unwrap_or_else(PoisonError::into_inner);
+        let store = &mut *self.store.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(frame) = self.frames().begin(now) else { return Ok(None) };
         let outcome = frame.outcome.as_deref().map(|finished| &finished.outcome);
-        let saved = store.save(&frame.frame, outcome, frame.kept.as_deref());
+        // It is many bytes, and the next frame is on its way.
+        let saved = aside(|| store.save(&frame.frame, outcome, frame.kept.as_deref()));
         let is_first = frame.kept.is_none();
         let mut frames = self.frames();
         let came = frames.under_way.take().and_then(|under_way| under_way.outcome);

@@ -33,6 +33,7 @@
 //! A computer that is too slow for all of this leaves the least of it undone, in a stated order, and never the updates: see [`Shed`].
 
 mod archive;
+mod aside;
 mod auto;
 mod camera;
 mod clock;

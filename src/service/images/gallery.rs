@@ -3,6 +3,7 @@
 //! Blocking. What a reader holds is a buffer, or its part in one of the newest views; so many read at once, and one view is made at a time, by
 //! a thread that gives way to all others.
 
+use super::super::aside::aside;
 use super::super::file::read_file;
 use super::super::parts::load_bad_pixels;
 use super::super::store::files_of;
@@ -16,6 +17,7 @@ use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{self, Read};
 use std::os::unix::fs::FileExt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
@@ -30,8 +32,6 @@ const VIEWS: usize = 4;
 const VIEWS_BYTES: usize = 32 << 20;
 /// Longest file that is read as an image: the largest frame that a view is made of, its header, and its pixels in two bytes.
 const MAX_FILE_BYTES: usize = 2 * image::view::MOST_PIXELS + (1 << 20);
-/// How far the thread that makes a view gives way to others: as far as there is a way (`setpriority(2)`).
-const NICE: i32 = 19;
 /// Fewer sources than this in a search for sharp ones, and those out of focus are searched for.
 const FEW_SOURCES: usize = 4;
 
@@ -167,7 +167,7 @@ impl Gallery {
         if let Some((_, view)) = views.iter().find(|(other, _)| *other == key) {
             return Ok(Arc::clone(view));
         }
-        let made = std::thread::scope(|scope| scope.spawn(|| self.make_view(path)).join());
+        let made = catch_unwind(AssertUnwindSafe(|| aside(|| self.make_view(path))));
         let view = made.unwrap_or_else(|panic| Err((NoImage::Form, panic_text(panic.as_ref()).to_owned())))?;
         views.push_front((key, Arc::clone(&view)));
         let bytes = |views: &VecDeque<(Key, Arc<[u8]>)>| views.iter().map(|(_, view)| view.len()).sum::<usize>();
@@ -178,8 +178,6 @@ impl Gallery {
     }
 
     fn make_view(&self, path: &Path) -> Result<Arc<[u8]>, Refused> {
-        // Of this thread alone, as Linux has it; where it is refused the thread is as quick as the others.
-        let _ = rustix::process::setpriority_process(None, NICE);
         let frame = read_frame(path)?;
         let sources = self.sources(&frame);
         let view = View::new(&frame, &sources, PACKET_BYTES).map_err(|error| (NoImage::Form, error.to_string()))?;
