@@ -337,8 +337,11 @@ impl CameraActor {
     /// Hands the image that was gathered to the solver: the sum of its exposures.
     async fn hand_on(&self, held: &mut Held) -> Result<(), Ended> {
         let Some(Gathering { series, at, state, .. }) = held.gathering.take() else { return Ok(()) };
-        // The adding is done; what is left is a pass of a millisecond at most, where 16 bits do not hold the sums.
-        let (sum, exposures) = series.into_sum();
+        let (sum, exposures) = match series.exposures() {
+            [_] => series.into_sum(),
+            // Where 16 bits do not hold the sums there is a pass over the picture to be made, and large pictures take time.
+            _ => tokio::task::spawn_blocking(move || series.into_sum()).await.map_err(|error| Ended(panic_message(error)))?,
+        };
         let Some(frame) = sum.map(Arc::new).or_else(|| exposures.first().cloned()) else { return Ok(()) };
         held.auto.note(&frame);
         let prior = state.prior(self.middle(&frame, at), &state.settings.observer);

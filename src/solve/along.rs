@@ -28,6 +28,30 @@ pub struct Exposures {
     pub motion: Option<Arc<Motion>>,
 }
 
+impl Exposures {
+    /// The statistics of each.
+    pub(super) fn cells(&self) -> Vec<CellStatistics> {
+        let mut cells = vec![CellStatistics::default(); self.exposures.len()];
+        for (cells, exposure) in cells.iter_mut().zip(&self.exposures) {
+            cells.measure(exposure, exposure.full_scale);
+        }
+        cells
+    }
+
+    /// How much of the light of a solution's stars is in each, by these trails: [`shares_along`].
+    pub(super) fn shares(&self, cells: &[CellStatistics], trails: &[Trail], stars: &[(f64, f64, f64)]) -> Vec<(f64, f64)> {
+        let exposures: Vec<&Frame> = self.exposures.iter().map(|exposure| &**exposure).collect();
+        shares_along(&exposures, cells, trails, stars)
+    }
+}
+
+/// Places, px, and fluxes of the stars that a frame is solved by; none where it is not.
+pub(super) fn matched_stars(outcome: &Outcome) -> Vec<(f64, f64, f64)> {
+    let star = |source: &SourceReport| (source.x, source.y, source.flux);
+    let matches = outcome.solution.iter().flat_map(|solution| &solution.matches);
+    matches.filter_map(|m| outcome.sources.get(m.source).map(star)).collect()
+}
+
 /// Trails along which sources were found.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Along<'a> {
@@ -92,10 +116,7 @@ impl Solver {
     pub(super) fn search_along(&mut self, search: &Search<'_>, moved: &Exposures, outcome: &mut Outcome) -> bool {
         let (Some(field), Some(motion)) = (self.field().cloned(), &moved.motion) else { return false };
         let context = self.context(search.frame, search.prior, search.watch, &field);
-        let mut cells = vec![CellStatistics::default(); moved.exposures.len()];
-        for (cells, exposure) in cells.iter_mut().zip(&moved.exposures) {
-            cells.measure(exposure, exposure.full_scale);
-        }
+        let cells = moved.cells();
         let trails = motion.check(moved.exposures.len()).and_then(|()| motion.trails(&context.camera));
         let mut trails = match trails {
             Ok(trails) => trails,
@@ -168,10 +189,7 @@ impl Solver {
 
 /// The first exposure from which the stars of a solution are missing.
 fn missing_from(moved: &Exposures, cells: &[CellStatistics], trails: &[Trail], outcome: &Outcome) -> Option<usize> {
-    let matches = &outcome.solution.as_ref()?.matches;
-    let star = |source: &SourceReport| (source.x, source.y, source.flux);
-    let stars: Vec<_> = matches.iter().filter_map(|m| outcome.sources.get(m.source).map(star)).collect();
-    let exposures: Vec<&Frame> = moved.exposures.iter().map(|exposure| &**exposure).collect();
-    let shares = shares_along(&exposures, cells, trails, &stars);
+    outcome.solution.as_ref()?;
+    let shares = moved.shares(cells, trails, &matched_stars(outcome));
     shares.iter().position(|(share, sigma)| *share < LEAST_SHARE && *share + MISSING_SIGMAS * sigma < 1.0)
 }

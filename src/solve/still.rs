@@ -1,9 +1,9 @@
 //! Whether a series whose motion is not known stood still. Where it moved, its sum shows every star once for each exposure, and the pattern
 //! of one exposure solves as well as any: it points where the camera did during that exposure, and not in the middle of the light.
 
-use super::{Cause, Exposures, Outcome, Reason, SourceReport};
-use crate::image::{CellStatistics, Frame};
-use crate::sources::{Trail, shares_along};
+use super::along::matched_stars;
+use super::{Cause, Exposures, Outcome, Reason};
+use crate::sources::Trail;
 use std::fmt;
 
 /// Stars that lie no further than this from where the sum has them are in one piece with it, and its place is the middle of all, px.
@@ -15,10 +15,10 @@ const LIKELIER_LN: f64 = 6.9;
 
 /// Takes a solution back whose stars were not seen to shine in all parts of the series.
 pub(super) fn refuse_moved(exposures: &Exposures, outcome: &mut Outcome) {
-    let Some(solution) = outcome.solution.as_ref().filter(|_| exposures.exposures.len() > 1) else { return };
-    let star = |source: &SourceReport| (source.x, source.y, source.flux);
-    let stars: Vec<_> = solution.matches.iter().filter_map(|m| outcome.sources.get(m.source).map(star)).collect();
-    let Some(without) = part_without(exposures, &stars) else { return };
+    if outcome.solution.is_none() || exposures.exposures.len() < 2 {
+        return;
+    }
+    let Some(without) = part_without(exposures, &matched_stars(outcome)) else { return };
     outcome.detail = format!("series: {without}: it moved, and how is not known");
     (outcome.reason, outcome.cause) = (Reason::Requirement, Some(Cause::Trailed));
     outcome.candidate = outcome.solution.take();
@@ -46,15 +46,10 @@ impl fmt::Display for Without {
 }
 
 /// The first part of a series in which these stars, at places of the sum, px, do not shine for certain.
-fn part_without(Exposures { exposures, .. }: &Exposures, stars: &[(f64, f64, f64)]) -> Option<Without> {
-    let mut cells = vec![CellStatistics::default(); exposures.len()];
-    for (cells, exposure) in cells.iter_mut().zip(exposures) {
-        cells.measure(exposure, exposure.full_scale);
-    }
-    let frames: Vec<&Frame> = exposures.iter().map(|exposure| &**exposure).collect();
-    let trails = vec![in_one_piece(exposures.len()); exposures.len()];
-    let shares = shares_along(&frames, &cells, &trails, stars);
-    let length = exposures.len().div_ceil(PARTS).max(1);
+fn part_without(exposures: &Exposures, stars: &[(f64, f64, f64)]) -> Option<Without> {
+    let of = exposures.exposures.len();
+    let shares = exposures.shares(&exposures.cells(), &vec![in_one_piece(of); of], stars);
+    let length = of.div_ceil(PARTS).max(1);
     let parts: Vec<(f64, f64)> = shares.chunks(length).map(mean).collect();
     // Sharp or not, however much of the stars' light this looks at, it is the same in all parts.
     let (all, _) = mean(&parts);
@@ -63,7 +58,7 @@ fn part_without(Exposures { exposures, .. }: &Exposures, stars: &[(f64, f64, f64
         all > 0.0 && (share - 0.5) / (sigma * sigma) > LIKELIER_LN
     };
     let first = length * parts.iter().position(|part| !shines(part))?;
-    Some(Without { first, last: (first + length).min(exposures.len()) - 1, of: exposures.len() })
+    Some(Without { first, last: (first + length).min(of) - 1, of })
 }
 
 /// The mean of some values by their σ, and its own.
@@ -86,6 +81,7 @@ fn in_one_piece(exposures: usize) -> Trail {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::Frame;
     use crate::sky::RowOrder;
     use rand::SeedableRng;
     use rand_distr::{Distribution, Normal};
